@@ -25,6 +25,7 @@ from zoomout_core.mesh.triangles import edge_graph, vertex_areas
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.transfer.attribute import Attribute
 from zoomout_core.transfer.frames import on_working_mesh
+from zoomout_core.transfer.keys.head_directions import HeadDirections
 from zoomout_core.transfer.keys.key_names import translate_key_names
 
 # The names of the landmarks, in their order.
@@ -214,13 +215,10 @@ def _skin_of(mesh: WorkingMesh, offsets: Mapping[str, Floats]) -> _Skin:
         return np.asarray(weight @ vertices / max(float(weight.sum()), SMALLEST))
 
     one, other, mouth = (middle(use) for use in (BLINK_LEFT, BLINK_RIGHT, OPEN_MOUTH))
-    eyes, across = (one + other) / 2, one - other
-    size = float(np.linalg.norm(across))
-    left = across / max(size, SMALLEST)
-    up = (eyes - mouth) - ((eyes - mouth) @ left) * left
-    up /= max(float(np.linalg.norm(up)), SMALLEST)
+    head = HeadDirections.of(one, other, mouth)
     graph = edge_graph(vertices, mesh.triangles)
-    return _Skin(vertices, mesh.vertex_normals, graph, left, up, np.cross(left, up), eyes, size)
+    eyes = (one + other) / 2
+    return _Skin(vertices, mesh.vertex_normals, graph, head.left, head.up, head.forward, eyes, head.size)
 
 
 def _lips(skin: _Skin, mouth: _Slit) -> tuple[int, int]:

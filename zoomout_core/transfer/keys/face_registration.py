@@ -9,7 +9,8 @@ Botsch and Kobbelt, An intuitive framework for real-time freeform modeling, 2004
 
 where L is the stiffness, A the areas, q the closest points with similar normals, and P weighs distances along the
 surface less than those across it (Chen and Medioni 1992). Normals distinguish lips and lids whose surfaces face
-each other.
+each other. The closest points slide along the rims of the lids, which are therefore also attracted by the rims around
+the same eye of the target, as far as these are seen from the front.
 """
 
 from __future__ import annotations
@@ -32,6 +33,8 @@ from zoomout_core.mesh.triangles import unit_vectors, vertex_areas, vertex_norma
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.spectral.laplacian import mesh_laplacian
 from zoomout_core.transfer.frames import on_working_mesh
+from zoomout_core.transfer.keys.eye_openings import find_eye_opening, match_rims
+from zoomout_core.transfer.keys.head_directions import HeadDirections
 from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.tuning import Tuning, tuned
 
@@ -46,12 +49,15 @@ class FaceRegistrationTuning(Tuning, set_by="faces"):
             closed lips three times as many edges are torn.
         first_bending: factor of the bending energy of the deformation that the map implies: it smooths the map's
             errors over 1 cm.
+        lid_weight: weight of a vertex on the rim of a lid, which the corresponding place on the target attracts. With
+            five times as much, errors are alike on the heads that set it, and the largest gap of lids grows by a sixth.
         iterations: conjugate gradient steps of a round.
         moved: the face is what the keys move by more than this share of the largest motion.
     """
 
     bending: tuple[float, ...] = tuned((1e-6, 1e-8, 1e-8), "at unit area", 1e-12, 1)
     first_bending: float = tuned(1e-5, "at unit area", 1e-12, 1)
+    lid_weight: float = tuned(4.0, "mean areas of vertices", 0, 1000)
     iterations: int = tuned(5, "steps", 1, 1000)
     moved: float = tuned(0.02, "1", 0, 1)
 
@@ -62,6 +68,9 @@ NORMAL_WEIGHT = 0.2  # distance that counts as much as a unit difference of norm
 COMPATIBLE = 0.3  # smallest cosine between normals of partners
 OUTLIER = 6.0  # scale of robust weights, in medians of the distances
 SOLVED = 1e-3  # share of the first residual at which conjugate gradients end
+# The eyes are around what moves by more than this share of the most in a blink; vertices within this distance, relative
+# to that between the eyes, tell where an eye is on the target.
+LID, NEAR_EYE = 0.5, 0.25
 MARGIN = 0.1  # around what the keys move: the face is registered along with its surroundings
 # A face of fewer vertices has no details to register, and images farther from the target or from those of the map than
 # this are wrong.
@@ -102,6 +111,8 @@ class _Face:
     places: Floats  # (t, 3) their positions
     triangles: Integers  # (m, 3) between them, wound outwards
     images: csr_array  # (t, n) interpolates from the face to the map's images
+    eyes: tuple[Floats, Floats]  # (3,) the middles of the left and of the right lids
+    head: HeadDirections
 
     @classmethod
     def of(cls, offsets: Floats, expressions: list[Floats], mapped: MappedTarget) -> _Face | None:
@@ -137,7 +148,10 @@ class _Face:
         images = interpolation_matrix(mesh.triangles[image[vertices]], weights[vertices], len(mesh.vertices))
         own = target.vertices[vertices]
         places = procrustes(own, images @ mesh.vertices)(own)
-        return cls(mesh, vertices, places, renumbered[target.oriented_triangles[kept]], images)
+        triangles = renumbered[target.oriented_triangles[kept]]
+        left, right, mouth = _middles(mesh, expressions)
+        head = HeadDirections.of(left, right, mouth)
+        return cls(mesh, vertices, places, triangles, images, (left, right), head)
 
     @cached_property
     def normals(self) -> Floats:
@@ -157,9 +171,10 @@ class _Face:
         energy = csc_array(stiffness @ diags_array(1 / areas) @ stiffness)
         there = OrientedSurface(self.places, self.triangles, np.zeros(len(self.triangles), dtype=bool), NORMAL_WEIGHT)
         displacement = self._first_displacement(energy)
+        pins = _Pins.of(*self._match_lids(displacement), mesh.vertices, areas.mean(), self.head.forward)
         for factor, rounds in Counter(FACE_REGISTRATION.bending).items():
             bending = csc_array(factor * energy)
-            factors = factorise(csc_array(bending + diags_array(areas / 2)))
+            factors = factorise(csc_array(bending + diags_array(areas / 2 + pins.weight)))
             for _ in range(rounds):
                 places = mesh.vertices + displacement
                 normals = vertex_normals(places, mesh.oriented_triangles)
@@ -172,8 +187,8 @@ class _Face:
                 agree = np.einsum("nx,nx->n", facing, normals) > COMPATIBLE
                 scale = OUTLIER * np.median(distance) + 1e-6
                 weight = areas * agree / (1 + (distance / scale) ** 2) ** 2
-                data = _Residuals(weight, facing)
-                start = data.of(goals - places) - bending @ displacement
+                data = _Residuals(weight, facing, pins)
+                start = data.towards(goals, places) - bending @ displacement
                 displacement = displacement + _solve(bending, data, factors, start)
         return np.asarray(mesh.vertices + displacement)
 
@@ -191,6 +206,26 @@ class _Face:
         change = row_norms(np.einsum("tc,tcx->tx", weights, mesh.vertices[corners]) - self.images @ mesh.vertices)
         return triangle, weights, agree & (distance < NEAR) & (change < MAX_CHANGE)
 
+    def _match_lids(self, displacement: Floats) -> tuple[Integers, Floats]:
+        """The vertices (r,) on the rims of the lids, and their shifts (r, 3) to those of the target.
+
+        A first displacement (n, 3) tells where its eyes are.
+        """
+        vertices, head = self.mesh.vertices, self.head
+        chosen, shifts = [np.empty(0, dtype=np.int64)], [np.empty((0, 3))]
+        for eye in self.eyes:
+            near = row_norms(vertices - eye) < NEAR_EYE * head.size
+            here = find_eye_opening(vertices, self.mesh.triangles, eye, head)
+            if here is None or not near.any():
+                continue
+            moved = eye + displacement[near].mean(axis=0)
+            there = find_eye_opening(self.places, self.triangles, moved, head)
+            if there is not None:
+                rim, shift = match_rims(vertices, here, there, head)
+                chosen.append(rim)
+                shifts.append(shift)
+        return np.concatenate(chosen), np.concatenate(shifts)
+
     def _first_displacement(self, energy: csc_array) -> Floats:
         """(n, 3) the smooth displacement that the map implies."""
         missed = self.places - self.images @ self.mesh.vertices
@@ -200,16 +235,53 @@ class _Face:
 
 
 @dataclass(frozen=True, eq=False)
+class _Pins:
+    """Places that attract vertices, as seen along a direction."""
+
+    weight: Floats  # (n,)
+    goals: Floats  # (n, 3)
+    direction: Floats  # (3,)
+
+    @classmethod
+    def of(cls, chosen: Integers, shifts: Floats, vertices: Floats, area: float, direction: Floats) -> _Pins:
+        """Attract some vertices (c,) of (n, 3) by their places after shifts (c, 3)."""
+        weight, goals = np.zeros(len(vertices)), vertices.copy()
+        weight[chosen] = FACE_REGISTRATION.lid_weight * area
+        goals[chosen] += shifts
+        return cls(weight, goals, direction)
+
+    def of_values(self, values: Floats) -> Floats:
+        """(n, 3) the product of their quadratic form with values (n, 3)."""
+        along = np.outer(values @ self.direction, self.direction)
+        return np.asarray(self.weight[:, None] * (values - along))
+
+
+@dataclass(frozen=True, eq=False)
 class _Residuals:
-    """The quadratic form of the distances from goals, mainly across the surface."""
+    """The quadratic form of the distances from goals, mainly across the surface, and from those of pins."""
 
     weight: Floats  # (n,)
     normals: Floats  # (n, 3)
+    pins: _Pins
 
     def of(self, values: Floats) -> Floats:
         """(n, 3) its product with values (n, 3)."""
+        return self._across(values) + self.pins.of_values(values)
+
+    def towards(self, goals: Floats, places: Floats) -> Floats:
+        """(n, 3) the forces on places (n, 3) towards goals (n, 3) on the surface, and towards those of the pins."""
+        return self._across(goals - places) + self.pins.of_values(self.pins.goals - places)
+
+    def _across(self, values: Floats) -> Floats:
         across = np.einsum("nx,nx->n", values, self.normals)[:, None] * self.normals
         return np.asarray(self.weight[:, None] * (SLIDING * values + (1 - SLIDING) * across))
+
+
+def _middles(mesh: WorkingMesh, expressions: list[Floats]) -> list[Floats]:
+    """(3,) the middle of what each expression (n_s, 3) moves most."""
+    areas = vertex_areas(mesh.vertices, mesh.triangles)
+    motions = [on_working_mesh(mesh, row_norms(each)) for each in expressions]
+    return [np.average(mesh.vertices, axis=0, weights=areas * (each >= LID * each.max())) for each in motions]
 
 
 def _solve(bending: csc_array, data: _Residuals, factors: SuperLU, right: Floats) -> Floats:

@@ -56,3 +56,19 @@ def test_images_are_farther_off_with_other_numbers(
     other = replace(face_registration.FACE_REGISTRATION, **{number: value})
     monkeypatch.setattr(face_registration, "FACE_REGISTRATION", other)
     assert found < 0.9 * error(register_face(VALUES, EXPRESSIONS, mapped()))
+
+
+def test_the_rims_of_lids_meet_those_of_wider_eyes(monkeypatch: pytest.MonkeyPatch) -> None:
+    blinks = VALUES[:, :2].sum(axis=1)
+    target = FACE.surface.with_vertices(PLACES - 0.5 * blinks)
+    lids = np.linalg.norm(blinks, axis=1) > 0.05
+    wider = replace(mapped(), target=target, surface_map=nearest_map(target.vertices, FACE.surface))
+
+    def rim_error() -> float:
+        found = register_face(VALUES, EXPRESSIONS, wider)
+        return float(np.abs(found.points - PLACES)[lids, 1].mean())
+
+    without_rims = replace(face_registration.FACE_REGISTRATION, lid_weight=0.0)
+    attracted = rim_error()
+    monkeypatch.setattr(face_registration, "FACE_REGISTRATION", without_rims)
+    assert attracted < 0.4 * rim_error()

@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The openings between eyelids, seen from the front."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from zoomout_core.samples.grids import grid, grid_faces, triangles_of
+from zoomout_core.transfer.keys.eye_openings import EyeOpening, find_eye_opening, match_rims
+from zoomout_core.transfer.keys.head_directions import HeadDirections
+
+AXES = np.eye(3)
+HEAD = HeadDirections(AXES[0], AXES[1], AXES[2], 1.0)
+WIDTH, HEIGHT = 0.2, 0.08  # half the axes of an elliptic opening
+SIDE = np.linspace(-0.5, 0.5, 81)
+PIXEL = 0.01
+TRIANGLES = triangles_of(grid_faces(80, 80))
+
+
+def skin(width: float = WIDTH, height: float = HEIGHT, depth: float = 0.4) -> np.ndarray:
+    """(n, 3) a skin with an elliptic socket, and a shallow valley beside it as at a nose."""
+    places = grid(SIDE, SIDE).vertices.copy()
+    x, y = places[:, 0], places[:, 1]
+    valley = 0.08 * np.exp(-((x + 0.28) ** 2 / 0.002 + y**2 / 0.002))
+    places[:, 2] = -np.where((x / width) ** 2 + (y / height) ** 2 < 1, depth, valley)
+    return places
+
+
+def opening(vertices: np.ndarray, centre: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> EyeOpening:
+    found = find_eye_opening(vertices, TRIANGLES, np.array(centre), HEAD)
+    assert found is not None
+    return found
+
+
+def test_the_rims_are_where_the_socket_begins() -> None:
+    found = opening(skin())
+    np.testing.assert_allclose(found.across[[0, -1]], (-WIDTH, WIDTH), atol=3 * PIXEL)
+    np.testing.assert_allclose(found.upper.max(), HEIGHT, atol=2 * PIXEL)
+    np.testing.assert_allclose(found.lower.min(), -HEIGHT, atol=2 * PIXEL)
+
+
+def test_the_place_of_the_head_and_of_the_square_do_not_matter() -> None:
+    moved = opening(skin() + np.array([3.0, 4.0, 5.0]), (3.04, 3.97, 5.1))
+    np.testing.assert_allclose(moved.upper.max(), 4 + HEIGHT, atol=2 * PIXEL)
+    np.testing.assert_allclose(moved.area, opening(skin()).area, rtol=0.1)
+
+
+def test_a_hole_without_a_socket_is_an_opening() -> None:
+    behind = (skin()[TRIANGLES][:, :, 2] < -0.2).any(axis=1)
+    found = find_eye_opening(skin(), TRIANGLES[~behind], np.zeros(3), HEAD)
+    assert found is not None
+    np.testing.assert_allclose(found.upper.max(), HEIGHT, atol=3 * PIXEL)
+
+
+@pytest.mark.parametrize("depth", [0.0, 0.05])
+def test_a_closed_eye_has_no_opening(depth: float) -> None:
+    assert find_eye_opening(skin(depth=depth), TRIANGLES, np.zeros(3), HEAD) is None
+
+
+def test_an_opening_that_is_too_high_to_be_closed_is_not_found_in_part() -> None:
+    assert find_eye_opening(skin(0.25, 0.2), TRIANGLES, np.zeros(3), HEAD) is None
+
+
+def test_there_is_no_opening_where_there_is_no_surface() -> None:
+    assert find_eye_opening(skin(), TRIANGLES, np.array([9.0, 0, 0]), HEAD) is None
+
+
+def test_rims_shift_to_those_of_a_larger_eye() -> None:
+    here, there = opening(skin()), opening(skin(1.2 * WIDTH, 1.5 * HEIGHT))
+    chosen, shifts = match_rims(skin(), here, there, HEAD)
+    places = skin()[chosen]
+    inner = np.abs(places[:, 0]) < 0.8 * WIDTH
+    assert inner.sum() > 20
+    upwards = np.where(places[:, 1] > 0, 0.5, -0.5) * HEIGHT * np.sqrt(1 - (places[:, 0] / WIDTH).clip(-1, 1) ** 2)
+    np.testing.assert_allclose(
+        shifts[inner], np.column_stack([0.2 * places[:, 0], upwards, 0 * upwards])[inner], atol=0.02
+    )
+    assert (places[:, 2] > -0.2).all()  # none on the bottom of the socket
+
+
+def test_openings_of_very_different_size_do_not_correspond() -> None:
+    chosen, shifts = match_rims(skin(), opening(skin()), opening(skin(0.7 * WIDTH, 0.5 * HEIGHT)), HEAD)
+    assert chosen.shape == (0,)
+    assert shifts.shape == (0, 3)

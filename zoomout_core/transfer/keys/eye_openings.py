@@ -1,0 +1,124 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The openings between the eyelids, seen from the front, and how the rims of the lids of two faces correspond.
+
+Seen from the front, the depth of a skin jumps from the rims of the lids to the bottom of the socket, whatever its
+triangles. An opening is where a morphological closing of the image of the depth exceeds it (the black top-hat; Serra,
+Image Analysis and Mathematical Morphology, 1982). Between the corners of the lids, rims correspond by the share of the
+width.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.geometry.oriented_closest_points import surface_samples
+from zoomout_core.transfer.keys.head_directions import HeadDirections
+
+# Lengths relative to the distance between the eyes, about 65 mm.
+WINDOW = 0.38  # half the side of the square around an eye in which its opening is searched
+DEPTH = 0.12  # of the bottom of a socket behind the lids: more than of the skin beside the nose
+CLOSING = 0.25  # height that is closed in the image
+MAX_HEIGHT = 0.9  # of an opening, as a share of the height that is closed: only parts of higher ones are found
+RIM = 0.05  # half the height of a rim
+PIXELS, SAMPLES = 96, 200_000  # along a side of the square, and points of the surface in it
+MIN_COLUMNS = 12  # of an opening
+SMOOTHING = 1.5  # of the rims, in pixels
+MAX_RATIO = 2.5  # of the areas of the openings of two persons
+FLATTENING = 0.2  # of lengths along the view when the surface is sampled: its sides are hardly seen
+
+
+@dataclass(frozen=True, eq=False)
+class EyeOpening:
+    """An opening between two lids: places along the directions of the head."""
+
+    across: Floats  # (c,) columns along the direction left, ascending
+    upper: Floats  # (c,) the upper rim along the direction up
+    lower: Floats  # (c,) the lower rim
+    depth: Floats  # (c,) the lids along the direction forward
+
+    @property
+    def area(self) -> float:
+        """The area of the opening, as seen from the front."""
+        return float((self.upper - self.lower).mean() * np.ptp(self.across))
+
+    def middle_at(self, across: Floats) -> Floats:
+        """Heights (q,) halfway between the rims, in columns (q,)."""
+        return np.interp(across, self.across, (self.upper + self.lower) / 2)
+
+    def rim_at(self, across: Floats, is_upper: Booleans) -> Floats:
+        """Heights (q,) of the upper or lower rim in columns (q,), by which of them is wanted (q,)."""
+        return np.where(
+            is_upper, np.interp(across, self.across, self.upper), np.interp(across, self.across, self.lower)
+        )
+
+
+def find_eye_opening(vertices: Floats, triangles: Integers, centre: Floats, head: HeadDirections) -> EyeOpening | None:
+    """The opening of the eye around a centre (3,) in a skin of vertices (n, 3) and triangles (m, 3).
+
+    None if the eye is closed, has no socket, or is too large.
+    """
+    axes = np.stack([head.left, head.up, head.forward])
+    places, origin = (vertices - centre) @ axes.T, axes @ centre
+    half = WINDOW * head.size
+    pixel = 2 * half / PIXELS
+    depth = _depth_image(places, triangles, half)
+    seen = np.isfinite(depth)
+    if not seen.any():
+        return None
+    depth = np.where(seen, depth, depth[seen].min() - 2 * DEPTH * head.size)
+    closed = ndimage.grey_closing(depth, (1, round(CLOSING / WINDOW / 2 * PIXELS)))
+    piece, _ = ndimage.label(closed - depth > DEPTH * head.size)
+    border = np.concatenate([piece[[0, -1]].ravel(), piece[:, [0, -1]].ravel()])
+    sizes = np.bincount(piece.ravel())
+    sizes[np.append(border, 0)] = 0
+    opening = (piece == np.argmax(sizes)) & bool(sizes.any())
+    columns = np.flatnonzero(opening.any(axis=1))
+    if len(columns) < MIN_COLUMNS:
+        return None
+    first, last = opening.argmax(axis=1)[columns], PIXELS - opening[:, ::-1].argmax(axis=1)[columns]
+    if (last - first).max() * pixel > MAX_HEIGHT * CLOSING * head.size:
+        return None
+    lower, upper = (ndimage.gaussian_filter1d(rim * pixel, SMOOTHING, mode="nearest") for rim in (first, last))
+    return EyeOpening(
+        across=(columns + 0.5) * pixel - half + origin[0],
+        upper=upper - half + origin[1],
+        lower=lower - half + origin[1],
+        depth=closed[columns, (first + last) // 2] + origin[2],
+    )
+
+
+def match_rims(vertices: Floats, here: EyeOpening, there: EyeOpening, head: HeadDirections) -> tuple[Integers, Floats]:
+    """The vertices (r,) of a face (n, 3) on the rims of one opening, and the shifts (r, 3) to the rims of another one.
+
+    The shifts are perpendicular to the direction forward. There are none if the areas of the openings differ too much.
+    """
+    if not 1 / MAX_RATIO < there.area / here.area < MAX_RATIO:
+        return np.empty(0, dtype=np.int64), np.empty((0, 3))
+    across, height, depth = (vertices @ axis for axis in (head.left, head.up, head.forward))
+    is_upper, rim = height > here.middle_at(across), RIM * head.size
+    (first, last), (begin, end) = (opening.across[[0, -1]] for opening in (here, there))
+    on_rim = (across > first - rim) & (across < last + rim)
+    on_rim &= np.abs(height - here.rim_at(across, is_upper)) < rim
+    on_rim &= np.abs(depth - np.interp(across, here.across, here.depth)) < 2 * rim
+    chosen = np.flatnonzero(on_rim)
+    share = np.clip((across[chosen] - first) / (last - first), 0, 1)
+    own, other = first + share * (last - first), begin + share * (end - begin)
+    rise = there.rim_at(other, is_upper[chosen]) - here.rim_at(own, is_upper[chosen])
+    return chosen, (other - own)[:, None] * head.left + rise[:, None] * head.up
+
+
+def _depth_image(places: Floats, triangles: Integers, half: float) -> Floats:
+    """(PIXELS, PIXELS) the largest third coordinate of a surface (n, 3) in a square; -inf where there is none."""
+    image = np.full((PIXELS, PIXELS), -np.inf)
+    inside = (np.abs(places[triangles][:, :, :2]) < 2 * half).all(axis=(1, 2))
+    if not inside.any():
+        return image
+    points, _ = surface_samples(places * (1, 1, FLATTENING), triangles[inside], SAMPLES)
+    pixels = np.floor((points[:, :2] / half + 1) * PIXELS / 2).astype(np.int64)
+    inside = ((pixels >= 0) & (pixels < PIXELS)).all(axis=1)
+    np.maximum.at(image, tuple(pixels[inside].T), points[inside, 2] / FLATTENING)
+    return np.asarray(ndimage.maximum_filter(image, 3))  # fills pixels without a sample
