@@ -44,6 +44,12 @@ REPLACED = REPORT, PAGE, MAPS, SHAPES, BODIES, FITS, DRESSED, PICTURES, RECORDS,
     "in their names tell.",
 )
 @click.option(
+    "--keep",
+    multiple=True,
+    metavar="PATTERN",
+    help="Name of meshes or materials of the outfit that keep their form, such as 'Buckle*'. May be repeated.",
+)
+@click.option(
     "--stiffness",
     type=click.FloatRange(0, 1),
     default=0.5,
@@ -70,6 +76,7 @@ def outfits(
     avatars: tuple[Path, ...],
     output: Path,
     body: tuple[str, ...],
+    keep: tuple[str, ...],
     stiffness: float,
     gap: float,
     workers: int | None,
@@ -105,7 +112,7 @@ def outfits(
         with local_engine(workers, 0) as engine, progress_bar():
             if not resume:
                 _forget(output)
-            fitting = Fitting(body, stiffness, gap, force, compression)
+            fitting = Fitting(body, keep, stiffness, gap, force, compression)
             result = dress_all(dressed, naked, output, fitting, options, cache=output / CACHE, engine=engine)
         remove_shapes(output / CACHE)
         write_reports(result)

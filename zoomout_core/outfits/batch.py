@@ -57,6 +57,7 @@ class Fitting:
 
     Attributes:
         body: patterns of the names of the parts of bodies, see `split_avatar`.
+        keep: patterns of the names of worn parts that keep their form, see `dress_avatar`.
         stiffness: see `dress`.
         gap: see `dress`.
         force: write avatars even if the match is probably wrong.
@@ -64,6 +65,7 @@ class Fitting:
     """
 
     body: tuple[str, ...] = ()
+    keep: tuple[str, ...] = ()
     stiffness: float = 0.5
     gap: float = 0.0
     force: bool = False
@@ -311,7 +313,15 @@ def dress_file(
     with portion(0, SHAPED):
         shape = _shape_of_source(map_file, folder / place_of_fit(bodies), source.body.surface, body.surface)
     with portion(SHAPED, 1):
-        made = dress_avatar(shape, source.body, source.worn, body, stiffness=fitting.stiffness, gap=fitting.gap)
+        made = dress_avatar(
+            shape,
+            source.body,
+            source.worn,
+            body,
+            keep=fitting.keep,
+            stiffness=fitting.stiffness,
+            gap=fitting.gap,
+        )
     checked = check_outfit(source.body.surface, source.worn.surface, made, body)
     check_no_input(folder / output, inputs_of(outfit, avatar))
     (folder / output).parent.mkdir(parents=True, exist_ok=True)

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from fnmatch import fnmatchcase
 from typing import NamedTuple
@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.sparse import csr_array
 
-from zoomout_core.arrays import Booleans
+from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.assets.asset import MATERIALS, Asset
 from zoomout_core.mesh.formats.opening import shown
 from zoomout_core.mesh.surface import MeshError, Surface
@@ -55,6 +55,30 @@ def split_avatar(asset: Asset, body: Sequence[str] = (), *, wears: bool = True) 
     Raises:
         MeshError: it must have both, and has not.
     """
+    names, part = _named_parts(asset)
+    kinds = [_is_of_body(*name, body) for name in names]
+    known = [(not wears) if kind is None else kind for kind in kinds]
+    if wears and (all(known) or not any(known)):
+        listed = ", ".join(dict.fromkeys(shown("/".join(filter(None, name))) for name in names))
+        raise MeshError(
+            "The file needs a body and something worn, which the names of its parts do not tell apart "
+            f"({listed}): name those of the body by --body."
+        )
+    of_body = np.array(known)[part]
+    return AvatarParts(keep_faces(asset, of_body), None if of_body.all() else keep_faces(asset, ~of_body))
+
+
+def mask_of(asset: Asset, patterns: Sequence[str]) -> Floats:
+    """(n,) 1 at vertices of meshes or materials whose names match one of some patterns, else 0."""
+    surface, (names, part) = asset.surface, _named_parts(asset)
+    chosen = np.array([_matches(name, patterns) for name in names])[part]
+    mask = np.zeros(len(surface.vertices))
+    mask[surface.corner_vertex[np.repeat(chosen, np.diff(surface.face_start))]] = 1
+    return mask
+
+
+def _named_parts(asset: Asset) -> tuple[list[tuple[str, str]], Integers]:
+    """The names of the mesh and of the material of each part, and (f,) the number of each face's part."""
     surface = asset.surface
     first = surface.corner_vertex[surface.face_start[:-1]]
     owner = np.repeat(np.arange(len(asset.objects)), [count for _, count in asset.objects])
@@ -64,22 +88,18 @@ def split_avatar(asset: Asset, body: Sequence[str] = (), *, wears: bool = True) 
     names = [
         (asset.objects[mesh][0], asset.materials[number].name if number >= 0 else "") for mesh, number in pairs.tolist()
     ]
-    kinds = [_is_of_body(*name, body) for name in names]
-    known = [(not wears) if kind is None else kind for kind in kinds]
-    if wears and (all(known) or not any(known)):
-        listed = ", ".join(dict.fromkeys(shown("/".join(filter(None, name))) for name in names))
-        raise MeshError(
-            "The file needs a body and something worn, which the names of its parts do not tell apart "
-            f"({listed}): name those of the body by --body."
-        )
-    of_body = np.array(known)[part.ravel()]
-    return AvatarParts(keep_faces(asset, of_body), None if of_body.all() else keep_faces(asset, ~of_body))
+    return names, part.ravel()
+
+
+def _matches(names: Iterable[str], patterns: Sequence[str]) -> bool:
+    """Whether one of some names matches one of the patterns, such as `Body*`, in any case."""
+    return any(fnmatchcase(name.lower(), pattern.lower()) for name in names for pattern in patterns)
 
 
 def _is_of_body(mesh: str, material: str, patterns: Sequence[str]) -> bool | None:
     """Whether a part is of the body, by its material first; None if that is unknown."""
     if patterns:
-        return any(fnmatchcase(name.lower(), pattern.lower()) for name in (mesh, material) for pattern in patterns)
+        return _matches((mesh, material), patterns)
     for name in (material, mesh):
         words = re.sub(r"[^a-z]+", " ", re.sub(r"([a-z])([A-Z])", r"\1 \2", name).lower())
         if OF_WORN.search(words):

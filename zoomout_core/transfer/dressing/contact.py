@@ -205,7 +205,9 @@ class _Side(NamedTuple):
             stacked = np.bincount(of, above) >= CONTACT.over * np.bincount(of, near)
             chosen = above & stacked[of]
         else:
-            chosen = known & (off > -CONTACT.mended) & (off < reach)
+            # A part that keeps its form, such as a sole, also keeps what is in the skin.
+            mended = np.where((probes @ form.keep)[beside] > 0, 0.0, CONTACT.mended)
+            chosen = known & (off > -mended) & (off < reach)
         return cls(beside[chosen], off[chosen], barrier.is_layer)
 
     def only(self, chosen: Booleans) -> _Side:

@@ -47,8 +47,6 @@ Manner: TypeAlias = Literal["automatic", "soft", "rigid"]
 Carried: TypeAlias = Surface | Lines
 # Fractions of the progress: inverting the match, as a share of shaping the body, and shaping the body, of the whole.
 TURNED_ROUND, SHAPED = 0.5, 0.8
-# Weight of the rigid places of parts that keep their form, relative to others.
-HOLD = 1e6
 # An edge is reported as stretched if it grows by more than this multiple of the body's growth there, and is longer than
 # this at unit area: shorter ones are hardly visible.
 STRETCHED, MIN_LENGTH = 2.0, 0.01
@@ -214,13 +212,16 @@ class _Fit:
         # Near the positions moved by the body, with the rest edges rotated and scaled.
         length = DRESS.softest * (DRESS.stiffest / DRESS.softest) ** stiffness
         pull = form.areas / (1 + (motion.distance / DRESS.near) ** 2)
-        moved = _fit_softly(form, motion, pull, length)
+        gradients = (turn_gradients(form.stiffness, motion.turns) @ form.rest.ravel()).reshape(-1, 3)
+        moved = ScreenedSmoothing.of(pull, form.stiffness, length).fit(motion.images, gradients)
         solid = solid_parts(form) if manner == "automatic" else []
         kept = KeptParts.of(form)
         if kept.count:
-            # Once more, so that cloth continues around the parts that keep their form.
-            motion = _keep_parts(kept, form, motion, moved)
-            moved = _fit_softly(form, motion, pull + HOLD * form.keep * form.areas, length)
+            rigid, linear = kept.fit_rigidly(form, moved, float(np.median(motion.growth)))
+            moved = moved + kept.displace(form, rigid - moved[kept.points], pull, length)
+            turns = motion.turns.copy()
+            turns[kept.points] += kept.weights[kept.points, None, None] * (linear - turns[kept.points])
+            motion = motion._replace(turns=turns)
             solid = [part for part in solid if not form.keep[part].any()]
         return cls(form, motion, moved, solid, False)
 
@@ -295,22 +296,6 @@ class _Layer:
         corners[inward] = corners[inward, ::-1]
         before, after = (SidedSurface(places, corners, is_part=True) for places in (form.rest, self.fit.positions))
         return Barrier(before, after, is_layer=True)
-
-
-def _fit_softly(form: Form, motion: Motion, pull: Floats, length: float) -> Floats:
-    """(n, 3) positions near the images of points, pulled there by weights (n,), that keep the form over a length."""
-    gradients = (turn_gradients(form.stiffness, motion.turns) @ form.rest.ravel()).reshape(-1, 3)
-    return ScreenedSmoothing.of(pull, form.stiffness, length).fit(motion.images, gradients)
-
-
-def _keep_parts(kept: KeptParts, form: Form, motion: Motion, moved: Floats) -> Motion:
-    """The motion with parts that keep their form, near positions (n, 3) of a soft fit."""
-    points, shares = kept.points, kept.weights[kept.points]
-    rigid, linear = kept.keep_form(form, moved, float(np.median(motion.growth)))
-    images, turns = motion.images.copy(), motion.turns.copy()
-    images[points] = moved[points] + shares[:, None] * (rigid - moved[points])
-    turns[points] += shares[:, None, None] * (linear - turns[points])
-    return motion._replace(images=images, turns=turns)
 
 
 def _stretched_points(form: Form, motion: Motion, positions: Floats) -> Booleans:

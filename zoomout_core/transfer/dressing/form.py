@@ -78,6 +78,14 @@ class Form:
         np.maximum.at(of_points, number[number >= 0], mask[number >= 0])
         return cls(places, number, rest, csc_array(stiffness), areas, corners, component, of_points)
 
+    @property
+    def first(self) -> Integers:
+        """(n,) the first vertex of each point."""
+        vertices = np.empty(len(self.rest), dtype=np.int64)
+        used = np.flatnonzero(self.number >= 0)[::-1]
+        vertices[self.number[used]] = used
+        return vertices
+
     def between(self, chosen: Integers) -> Integers:
         """(m, 3) the triangles between chosen points."""
         return self.triangles[np.isin(self.triangles, chosen).all(axis=1)]

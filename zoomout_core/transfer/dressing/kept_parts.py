@@ -14,8 +14,12 @@ from scipy.sparse import csr_array
 
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.geometry.procrustes import SMALLEST, procrustes
+from zoomout_core.geometry.screened_smoothing import ScreenedSmoothing
 from zoomout_core.transfer.dressing.form import Form
 from zoomout_core.transfer.groups import label_groups
+
+# Weight of the displacement of parts that keep their form, relative to staying.
+HOLD = 1e6
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +49,7 @@ class KeptParts:
         """The number of parts."""
         return int(self.part.max(initial=-1)) + 1
 
-    def keep_form(self, form: Form, positions: Floats, scale: float) -> tuple[Floats, Floats]:
+    def fit_rigidly(self, form: Form, positions: Floats, scale: float = 1.0) -> tuple[Floats, Floats]:
         """(p, 3) rigid positions of the points, nearest to positions (n, 3), and (p, 3, 3) linear parts of the motions.
 
         The parts are scaled by a factor.
@@ -58,6 +62,16 @@ class KeptParts:
             motion = procrustes(form.rest[points], positions[points], weights, scales=(scale, scale))
             found[chosen], linear[chosen] = motion(form.rest[points]), motion.linear
         return found, linear
+
+    def displace(self, form: Form, offsets: Floats, staying: Floats, length: float) -> Floats:
+        """(n, d) displacements of all points, from those (p, d) of parts that keep their form.
+
+        Around the parts they fade over a length, by weights (n,) of staying.
+        """
+        held = HOLD * self.weights * form.areas
+        wanted = np.zeros((len(held), offsets.shape[1]))
+        wanted[self.points] = self.weights[self.points, None] * offsets
+        return ScreenedSmoothing.of(staying + held, form.stiffness, length).solve(held[:, None] * wanted)
 
     def with_whole_parts(self, chosen: Integers) -> Integers:
         """Numbers of chosen points, and of all others of their parts."""
