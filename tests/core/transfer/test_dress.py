@@ -252,7 +252,9 @@ def test_masked_patches_keep_their_form_and_the_scale_of_the_garment() -> None:
         assert similar(soft.vertices[0][chosen], shirt.vertices[chosen]) > 0.05
         assert similar(kept.vertices[0][chosen], shirt.vertices[chosen]) < 1e-5
         motion = procrustes(shirt.vertices[chosen], kept.vertices[0][chosen])
-        np.testing.assert_allclose(kept.turns[0][chosen], np.broadcast_to(motion.linear, (len(chosen), 3, 3)), atol=0.01)
+        np.testing.assert_allclose(
+            kept.turns[0][chosen], np.broadcast_to(motion.linear, (len(chosen), 3, 3)), atol=0.01
+        )
         sizes.append(motion.scale)
     np.testing.assert_allclose(sizes[0], sizes[1], rtol=1e-5)
     # Each moves on its own, to where its vertices would go, and the cloth around continues it.
