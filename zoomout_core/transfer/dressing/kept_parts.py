@@ -40,7 +40,7 @@ class KeptParts:
     def of(cls, form: Form) -> KeptParts:
         """The connected patches of a form's mask."""
         points = np.flatnonzero(form.keep > 0)
-        first, second = form.stiffness[points][:, points].nonzero()
+        first, second = (each.astype(np.int64) for each in form.stiffness[points][:, points].nonzero())
         label = label_groups(len(points), first, second)
         return cls(form.keep, points, np.unique(label, return_inverse=True)[1].ravel())
 
