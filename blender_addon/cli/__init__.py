@@ -40,11 +40,14 @@ RUN = {
     "carry": files.carry,
     "faces": files.faces,
     "surface": files.surface,
+    "outfits": files.outfits,
 }
 # Commands that read two files.
 OF_FILES = ("carry", "faces")
 # Commands that work on single objects, rather than from a source to targets.
-OF_OBJECTS = ("symmetry", "surface")
+OF_OBJECTS = ("symmetry", "surface", "outfits")
+# Commands that write their files themselves.
+WRITING = ("surface", "outfits")
 
 _handle: Any = None
 
@@ -97,7 +100,7 @@ def _run(command_line: Sequence[str]) -> int:
         report[done] = RUN[command](bpy.context, options)
         failed = [f"'{name}': {entry['error']}" for name, entry in report[done].items() if "error" in entry]
         if options.save and _is_complete(command, len(failed), len(report[done])):
-            if command != "surface":  # which has written the file itself
+            if command not in WRITING:
                 save_scene(options.save, [] if options.in_place else _inputs(options))
             report["saved"] = options.save
     except (ValueError, OSError, RuntimeError) as error:  # Blender raises the last, as for a full disk
@@ -144,7 +147,7 @@ def _check_paths(options: argparse.Namespace) -> None:
             raise zo.MeshError(f"--{one} and --{other} both name {path}: give them files of their own.")
     for path in named.values():
         check_output(path, _inputs(options), options.in_place)
-    if options.save and options.command != "surface":
+    if options.save and options.command not in WRITING:
         check_writable_format(options.save)
 
 

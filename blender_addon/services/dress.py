@@ -336,9 +336,11 @@ async def _read_fitting(
     if not worn:
         raise zo.MeshError(next(iter(left_out.values())))
     if dressing.keep and all(each.mask is None for each in worn):
-        raise zo.MeshError(
-            "None of the objects has a vertex group '{group}' to keep the form of: choose another one.",
-            group=dressing.keep,
+        notes.append(
+            warning(
+                "None of the objects has a vertex group '{group}', so all of them follow the body: choose another one.",
+                group=dressing.keep,
+            )
         )
     keys = mesh_data.read_body_keys(target) if dressing.follow_keys else None
     if keys is not None and not at_rest and not mesh_data.stands_as_modelled(target, onto.vertices - keys.displacement):

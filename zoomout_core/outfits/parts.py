@@ -56,16 +56,27 @@ def split_avatar(asset: Asset, body: Sequence[str] = (), *, wears: bool = True) 
         MeshError: it must have both, and has not.
     """
     names, part = _named_parts(asset)
-    kinds = [_is_of_body(*name, body) for name in names]
-    known = [(not wears) if kind is None else kind for kind in kinds]
+    of_body = np.array(are_of_body(names, body, wears=wears))[part]
+    return AvatarParts(keep_faces(asset, of_body), None if of_body.all() else keep_faces(asset, ~of_body))
+
+
+def are_of_body(names: Sequence[Sequence[str]], body: Sequence[str] = (), *, wears: bool = True) -> list[bool]:
+    """Whether parts of an avatar are of its body, by their names, for each part the most telling one first.
+
+    For the other arguments, see `split_avatar`.
+
+    Raises:
+        MeshError: it must have a body and something worn, and has not.
+    """
+    found = [_is_of_body(each, body) for each in names]
+    known = [(not wears) if kind is None else kind for kind in found]
     if wears and (all(known) or not any(known)):
         listed = ", ".join(dict.fromkeys(shown("/".join(filter(None, name))) for name in names))
         raise MeshError(
             "The file needs a body and something worn, which the names of its parts do not tell apart "
             f"({listed}): name those of the body by --body."
         )
-    of_body = np.array(known)[part]
-    return AvatarParts(keep_faces(asset, of_body), None if of_body.all() else keep_faces(asset, ~of_body))
+    return known
 
 
 def mask_of(asset: Asset, patterns: Sequence[str]) -> Floats:
@@ -78,7 +89,7 @@ def mask_of(asset: Asset, patterns: Sequence[str]) -> Floats:
 
 
 def _named_parts(asset: Asset) -> tuple[list[tuple[str, str]], Integers]:
-    """The names of the mesh and of the material of each part, and (f,) the number of each face's part."""
+    """The names of the material and of the mesh of each part, and (f,) the number of each face's part."""
     surface = asset.surface
     first = surface.corner_vertex[surface.face_start[:-1]]
     owner = np.repeat(np.arange(len(asset.objects)), [count for _, count in asset.objects])
@@ -86,7 +97,7 @@ def _named_parts(asset: Asset) -> tuple[list[tuple[str, str]], Integers]:
     material = np.full(len(first), -1) if materials is None else np.asarray(materials.values)
     pairs, part = np.unique(np.column_stack([owner[first], material]), axis=0, return_inverse=True)
     names = [
-        (asset.objects[mesh][0], asset.materials[number].name if number >= 0 else "") for mesh, number in pairs.tolist()
+        (asset.materials[number].name if number >= 0 else "", asset.objects[mesh][0]) for mesh, number in pairs.tolist()
     ]
     return names, part.ravel()
 
@@ -96,11 +107,11 @@ def _matches(names: Iterable[str], patterns: Sequence[str]) -> bool:
     return any(fnmatchcase(name.lower(), pattern.lower()) for name in names for pattern in patterns)
 
 
-def _is_of_body(mesh: str, material: str, patterns: Sequence[str]) -> bool | None:
-    """Whether a part is of the body, by its material first; None if that is unknown."""
+def _is_of_body(names: Sequence[str], patterns: Sequence[str]) -> bool | None:
+    """Whether a part is of the body; None if its names do not tell."""
     if patterns:
-        return _matches((mesh, material), patterns)
-    for name in (material, mesh):
+        return _matches(names, patterns)
+    for name in names:
         words = re.sub(r"[^a-z]+", " ", re.sub(r"([a-z])([A-Z])", r"\1 \2", name).lower())
         if OF_WORN.search(words):
             return False
