@@ -91,9 +91,8 @@ class BlenderFiles:
             target = self._open(avatar, False)
             brought = Brought(self.context, library, [*source.body, *source.worn])
         bodies, worn = brought.names[: len(source.body)], brought.names[len(source.body) :]
-        self._store_match(source, bodies, target, map_file)
         wearer = find_mesh(self.context, target.largest)
-        main = stored_match.description(wearer.data)["source"]
+        main = self._store_match(source, bodies, target, map_file)
         before = _count_bones(wearer)
         report = run(prepare_dress(self.context, main, wearer.name, worn, self.dressing, force=True))()
         joints = _count_bones(wearer) - before
@@ -107,8 +106,8 @@ class BlenderFiles:
         if len(target.body) > 1:
             notes.append(
                 warning(
-                    "The body has {count} objects, and the clothes follow '{name}', the largest one: join them for "
-                    "what is worn elsewhere.",
+                    "The body has {count} objects, and the clothes follow '{name}', the largest one: check those on "
+                    "the others.",
                     count=len(target.body),
                     name=wearer.name,
                 )
@@ -137,42 +136,44 @@ class BlenderFiles:
         curves = [obj.name for obj in self.context.view_layer.objects if obj.type == "CURVES" and obj.visible_get()]
         return _Avatar(body, [*(name for name in meshes if name not in body), *sorted(curves)])
 
-    def _store_match(self, source: _Avatar, bodies: Sequence[str], target: _Avatar, map_file: Path) -> None:
-        """Store the match of two bodies on the target's objects."""
+    def _store_match(self, source: _Avatar, bodies: Sequence[str], target: _Avatar, map_file: Path) -> str:
+        """Store the match of two bodies on the target's objects; returns the source of the largest one."""
         known = KnownMatch.load(map_file, source.joined, target.joined)
         sources = Parts.of(
             [fingerprint_source(self.context, name, at_base=True) for name in bodies], list(source.body.values())
         )
         targets = Parts.of([fingerprint_target(self.context, name) for name in target.body], list(target.body.values()))
-        run(prepare_parts(self.context, sources, targets, known))()
+        return run(prepare_parts(self.context, sources, targets, known))()[target.largest][0]
 
     def _check(
         self, bodies: Sequence[str], target: Sequence[str], wearer: Object, copies: Mapping[str, str]
     ) -> DressedFile:
         """Check the copies that a body wears, by the names of their originals."""
         objects = self.context.scene.objects
-        surfaces = {original: copy for original, copy in copies.items() if _has_faces(objects[copy])}
+        worn = {original: copy for original, copy in copies.items() if _has_faces(objects[copy])}
         at_rest = bool(mesh_data.armatures_of(wearer)) and bool(mesh_data.armatures_of(objects[bodies[0]]))
-        before, worn, body, cloth = (
-            zo.Surface.joined([self._upright(objects[name], at_rest) for name in names])
-            for names in (bodies, list(surfaces), target, list(surfaces.values()))
-        )
+        before, clothes = (self._upright(names, at_rest) for names in (bodies, list(worn)))
         bones = mesh_data.read_bones(wearer)
-        rigged = [
-            Rigged(surface, bones.parents, _weights([objects[name] for name in names], bones))
-            if len(bones.names)
-            else Rigged(surface, None, None)
-            for surface, names in ((cloth, list(surfaces.values())), (body, list(target)))
-        ]
-        counts = tuple((copies[name], len(objects[copies[name]].data.vertices)) for name in surfaces)
-        checked = check_rigged(before, worn, *rigged, _y_up(bones.heads))
-        return DressedFile(checked, (body.triangles, cloth.triangles), counts, 0, ())
+        cloth, body = (self._rigged(names, at_rest, bones) for names in (list(worn.values()), target))
+        counts = tuple((name, len(objects[name].data.vertices)) for name in worn.values())
+        checked = check_rigged(before, clothes, cloth, body, _y_up(bones.heads))
+        return DressedFile(checked, (body.surface.triangles, cloth.surface.triangles), counts, 0, ())
 
-    def _upright(self, obj: Object, at_rest: bool) -> zo.Surface:
-        """The surface of an object, undeformed or as displayed, with y up."""
-        shape = mesh_data.read_worn(obj, self.context.evaluated_depsgraph_get(), at_rest).shape
-        assert isinstance(shape, zo.Surface)
-        return shape.with_vertices(_y_up(shape.vertices))
+    def _rigged(self, names: Sequence[str], at_rest: bool, bones: Bones) -> Rigged:
+        """The surface of some objects, and how bones move it."""
+        surface = self._upright(names, at_rest)
+        if not bones.names:
+            return Rigged(surface, None, None)
+        return Rigged(surface, bones.parents, _weights([self.context.scene.objects[name] for name in names], bones))
+
+    def _upright(self, names: Sequence[str], at_rest: bool) -> zo.Surface:
+        """The surface of some objects, undeformed or as displayed, with y up."""
+        depsgraph, found = self.context.evaluated_depsgraph_get(), list[zo.Surface]()
+        for name in names:
+            shape = mesh_data.read_worn(self.context.scene.objects[name], depsgraph, at_rest).shape
+            assert isinstance(shape, zo.Surface)
+            found.append(shape.with_vertices(_y_up(shape.vertices)))
+        return zo.Surface.joined(found)
 
 
 def _count_bones(obj: Object) -> int:
