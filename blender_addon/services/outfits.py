@@ -154,12 +154,12 @@ class BlenderFiles:
         at_rest = bool(mesh_data.armatures_of(wearer)) and bool(mesh_data.armatures_of(objects[bodies[0]]))
         before, clothes = (self._upright(names, at_rest) for names in (bodies, list(worn)))
         bones = mesh_data.read_bones(wearer)
-        cloth, body = (self._rigged(names, at_rest, bones) for names in (list(worn.values()), target))
+        cloth, body = (self._rig_of(names, at_rest, bones) for names in (list(worn.values()), target))
         counts = tuple((name, len(objects[name].data.vertices)) for name in worn.values())
         checked = check_rigged(before, clothes, cloth, body, _y_up(bones.heads))
         return DressedFile(checked, (body.surface.triangles, cloth.surface.triangles), counts, 0, ())
 
-    def _rigged(self, names: Sequence[str], at_rest: bool, bones: Bones) -> Rigged:
+    def _rig_of(self, names: Sequence[str], at_rest: bool, bones: Bones) -> Rigged:
         """The surface of some objects, and how bones move it."""
         surface = self._upright(names, at_rest)
         if not bones.names:

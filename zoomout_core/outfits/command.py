@@ -7,12 +7,12 @@ from collections.abc import Collection, Sequence
 from pathlib import Path
 
 from zoomout_core.assets.files import inputs_of
-from zoomout_core.batch import check_inputs_outside, meshes_of_all
 from zoomout_core.collection.engine import Engine
 from zoomout_core.collection.report import PAGE, REPORT
 from zoomout_core.collection.tasks import MAPS, SHAPES
 from zoomout_core.matching.options import MatchOptions
 from zoomout_core.matching.preparation.disk_cache import remove_shapes
+from zoomout_core.mesh.formats.folders import meshes_of_all
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.outfits.batch import (
     BODIES,
@@ -25,7 +25,7 @@ from zoomout_core.outfits.batch import (
     dress_all,
 )
 from zoomout_core.outfits.report import write_reports
-from zoomout_core.runtime.outputs import check_output
+from zoomout_core.runtime.outputs import check_inputs_outside, check_output
 
 # Folder in the results that exists until all is done.
 CACHE = "cache"
