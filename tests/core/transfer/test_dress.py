@@ -242,6 +242,33 @@ def plate(shirt: Surface, place: tuple[float, float, float] = (0, 0, 1.03), radi
     return np.asarray(np.linalg.norm(shirt.vertices - place, axis=1) < radius, float)
 
 
+def strips(count: int) -> tuple[Surface, np.ndarray, np.ndarray]:
+    """A shell of loose strips that touch, and (p,) numbers of vertices on either side of their borders."""
+    whole = shell(1.1, 1500)
+    strip = np.floor(count * (whole.vertices[whole.triangles].mean(axis=1)[:, 0] / 2.2 + 0.5)).astype(int)
+    parts = []
+    for number in range(count):
+        used, corners = np.unique(whole.triangles[strip == number], return_inverse=True)
+        parts.append((used, whole.vertices[used] * (1 + 0.002 * (number % 2)), corners.reshape(-1, 3)))
+    number = np.concatenate([used for used, _, _ in parts])
+    order = np.argsort(number, kind="stable")
+    same = np.flatnonzero(np.diff(number[order]) == 0)
+    return Surface.joined([Surface(points, corners) for _, points, corners in parts]), order[same], order[same + 1]
+
+
+def test_touching_loose_parts_stay_together() -> None:
+    braid, first, second = strips(6)
+
+    def drift() -> float:
+        """Mean change of the distance between touching vertices, relative to the size."""
+        worn = carry(BODY, noisy(0.08), EGG, [braid], stiffness=1.0).vertices[0]
+        return float(np.linalg.norm(worn[first] - worn[second], axis=1).mean() / SIZE)
+
+    with retune(SOLID, touching=0.0):
+        loose = drift()
+    assert drift() < 0.5 * loose
+
+
 def test_masked_patches_keep_their_form_and_the_scale_of_the_garment() -> None:
     shirt = shell(1.03, 1500)
     masks = plate(shirt), plate(shirt, (0.73, 0, 0.73))

@@ -14,6 +14,7 @@ from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.sparse import coo_array, csc_array, diags_array
 
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.geometry.procrustes import procrustes
@@ -35,7 +36,7 @@ from zoomout_core.transfer.dressing.contact import (
 from zoomout_core.transfer.dressing.following import Following, Motion
 from zoomout_core.transfer.dressing.form import Form, Lines, read_masks
 from zoomout_core.transfer.dressing.kept_parts import KeptParts
-from zoomout_core.transfer.dressing.solid_parts import solid_parts, with_solid_parts
+from zoomout_core.transfer.dressing.solid_parts import solid_parts, touching_points, with_solid_parts
 from zoomout_core.transfer.frames import turn_gradients
 from zoomout_core.transfer.rules import Match
 from zoomout_core.transfer.wrapping.wrap import reverse_match, wrap
@@ -47,6 +48,8 @@ Manner: TypeAlias = Literal["automatic", "soft", "rigid"]
 Carried: TypeAlias = Surface | Lines
 # Fractions of the progress: inverting the match, as a share of shaping the body, and shaping the body, of the whole.
 TURNED_ROUND, SHAPED = 0.5, 0.8
+# Stiffness of a link between touching parts: that of an edge between equilateral triangles.
+LINK = 3**-0.5
 # An edge is reported as stretched if it grows by more than this multiple of the body's growth there, and is longer than
 # this at unit area: shorter ones are hardly visible.
 STRETCHED, MIN_LENGTH = 2.0, 0.01
@@ -212,8 +215,9 @@ class _Fit:
         # Near the positions moved by the body, with the rest edges rotated and scaled.
         length = DRESS.softest * (DRESS.stiffest / DRESS.softest) ** stiffness
         pull = form.areas / (1 + (motion.distance / DRESS.near) ** 2)
-        gradients = (turn_gradients(form.stiffness, motion.turns) @ form.rest.ravel()).reshape(-1, 3)
-        moved = ScreenedSmoothing.of(pull, form.stiffness, length).fit(motion.images, gradients)
+        joined = csc_array(form.stiffness + _links(form))
+        gradients = (turn_gradients(joined, motion.turns) @ form.rest.ravel()).reshape(-1, 3)
+        moved = ScreenedSmoothing.of(pull, joined, length).fit(motion.images, gradients)
         solid = solid_parts(form) if manner == "automatic" else []
         kept = KeptParts.of(form)
         if kept.count:
@@ -296,6 +300,14 @@ class _Layer:
         corners[inward] = corners[inward, ::-1]
         before, after = (SidedSurface(places, corners, is_part=True) for places in (form.rest, self.fit.positions))
         return Barrier(before, after, is_layer=True)
+
+
+def _links(form: Form) -> csc_array:
+    """(n, n) stiffness of links between touching parts, which keep the strands of a braid together."""
+    first, second = touching_points(form.rest, form.component).T
+    links = coo_array((np.full(len(first), LINK), (first, second)), shape=form.stiffness.shape)
+    weights = csc_array(links + links.T)
+    return csc_array(diags_array(weights.sum(axis=0)) - weights)
 
 
 def _stretched_points(form: Form, motion: Motion, positions: Floats) -> Booleans:
