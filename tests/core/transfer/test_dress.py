@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from zoomout_core.geometry.procrustes import procrustes
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.mesh.triangles import edge_lengths, unique_edges
 from zoomout_core.runtime.progress import Progress
 from zoomout_core.samples.spheres import ball
 from zoomout_core.transfer import Lines, carry, dress
@@ -283,11 +284,15 @@ def test_masked_patches_keep_their_form_and_the_scale_of_the_garment() -> None:
             kept.turns[0][chosen], np.broadcast_to(motion.linear, (len(chosen), 3, 3)), atol=0.01
         )
         sizes.append(motion.scale)
-    np.testing.assert_allclose(sizes[0], sizes[1], rtol=1e-5)
+    growth = np.linalg.norm(soft.turns[0][np.unique(shirt.triangles)][:, 0], axis=1)
+    np.testing.assert_allclose(sizes, np.median(growth), rtol=1e-4)
     # Each moves on its own, to where its vertices would go, and the cloth around continues it.
     assert np.linalg.norm((kept.vertices[0] - soft.vertices[0])[masks[0] > 0].mean(axis=0)) < 0.05 * SIZE
     assert similar(kept.vertices[0][masks[0] + masks[1] > 0], shirt.vertices[masks[0] + masks[1] > 0]) > 0.01
     assert not kept.stretched[0].any()
+    edges, _ = unique_edges(shirt.triangles)
+    rim = edges[np.ptp((masks[0] + masks[1])[edges], axis=1) > 0]
+    assert np.std(edge_lengths(kept.vertices[0], rim) / edge_lengths(soft.vertices[0], rim)) < 0.18
 
 
 def test_a_half_masked_patch_is_half_as_stiff() -> None:
