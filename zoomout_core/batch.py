@@ -18,9 +18,10 @@ import click
 
 from zoomout_core.command_options import progress_bar, tell
 from zoomout_core.matching.report.verdict import RefusedMatchError
+from zoomout_core.mesh.formats.folders import meshes_of
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.messages import NO_MEMORY
-from zoomout_core.runtime.outputs import OutputError, atomic_write, check_no_input, check_output, is_same_file
+from zoomout_core.runtime.outputs import atomic_write, check_no_input, check_output
 from zoomout_core.runtime.progress import portion, renaming
 
 REPORT = "report.json"
@@ -140,46 +141,6 @@ def check_inputs_stay(jobs: Sequence[Job], output: str, inputs: Iterable[str | o
     inputs = tuple(inputs)
     for path in (*(job.output for job in jobs), *([Path(output) / REPORT] if is_folder(output) else [])):
         check_no_input(path, inputs)
-
-
-def meshes_of(given: Path, endings: Collection[str], source: Path | None = None) -> list[Path]:
-    """The files that a user names: a single file, or the meshes in a folder, except the source.
-
-    Raises:
-        MeshError: a folder contains none.
-    """
-    if not given.is_dir():
-        return [given]
-    files = sorted(path for path in given.iterdir() if path.suffix.lower() in endings)
-    found = [path for path in files if source is None or not is_same_file(path, source)]
-    if not found:
-        raise MeshError(f"The folder {given} contains no meshes{' besides the source' * bool(files)}: check the path.")
-    return found
-
-
-def meshes_of_all(given: Sequence[Path], endings: Collection[str]) -> list[Path]:
-    """The files that a user names, and the meshes in folders among them, each once.
-
-    Raises:
-        MeshError: a file or folder does not exist, or a folder contains no meshes.
-    """
-    missing = next((path for path in given if not path.exists()), None)
-    if missing is not None:
-        raise MeshError(f"There is no file or folder {missing}: check the path.")
-    return list(dict.fromkeys(path for each in given for path in meshes_of(each, endings)))
-
-
-def check_inputs_outside(inputs: Iterable[Path], output: Path, names: Iterable[str]) -> None:
-    """Check that no input is at one of the places in a folder, given by their names, where results are replaced.
-
-    Raises:
-        OutputError: one is.
-    """
-    written = [os.path.realpath(output / name) for name in names]
-    for path in inputs:
-        place = Path(os.path.realpath(path))
-        if any(place.is_relative_to(each) for each in written):
-            raise OutputError(f"{path} is an input in a place of {output} for results: choose another output folder.")
 
 
 def run_jobs(jobs: Sequence[Job], run: Run) -> list[Outcome]:

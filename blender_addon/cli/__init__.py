@@ -42,11 +42,20 @@ RUN = {
     "surface": files.surface,
     "assets": files.assets,
     "library": files.library,
+    "outfits": files.outfits,
 }
 # Commands that read two files.
 OF_FILES = ("carry", "faces")
 # What commands work on that have no source and targets.
-WITHOUT_PAIRS = {"symmetry": "objects", "surface": "objects", "assets": "assets", "library": "folders"}
+WITHOUT_PAIRS = {
+    "symmetry": "objects",
+    "surface": "objects",
+    "assets": "assets",
+    "library": "folders",
+    "outfits": "objects",
+}
+# Commands that write their files themselves.
+WRITING = ("surface", "outfits")
 
 _handle: Any = None
 
@@ -99,7 +108,7 @@ def _run(command_line: Sequence[str]) -> int:
         report[done] = RUN[command](bpy.context, options)
         failed = [f"'{name}': {entry['error']}" for name, entry in report[done].items() if "error" in entry]
         if getattr(options, "save", "") and _is_complete(command, len(failed), len(report[done])):
-            if command != "surface":  # which has written the file itself
+            if command not in WRITING:
                 save_scene(options.save, [] if options.in_place else _inputs(options))
             report["saved"] = options.save
     except (ValueError, OSError, RuntimeError) as error:  # Blender raises the last, as for a full disk
@@ -146,7 +155,7 @@ def _check_paths(options: argparse.Namespace) -> None:
             raise zo.MeshError(f"--{one} and --{other} both name {path}: give them files of their own.")
     for path in named.values():
         check_output(path, _inputs(options), options.in_place)
-    if "save" in named and options.command != "surface":
+    if named.get("save") and options.command not in WRITING:
         check_writable_format(options.save)
 
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -25,7 +26,7 @@ MORE_CHOICES = {"detail": tuple(DETAIL)}
 LAYERS = tuple(name for name in LayerOptions.__annotations__ if name != "uv_layout")
 CHECKS = ("shape", "weights")
 # Commands that leave the open file as it is.
-READING = ("surface", "assets", "library")
+READING = ("surface", "assets", "library", "outfits")
 
 
 def parse(command_line: Sequence[str]) -> argparse.Namespace:
@@ -93,6 +94,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_symmetry(commands.add_parser("symmetry", help="find the symmetry of objects, and mirror their data along it"))
     _add_carry(commands.add_parser("carry", help="transfer from the meshes of one file to those of another"))
     _add_faces(commands.add_parser("faces", help="transfer the expression keys of a head, and draw them all"))
+    _add_outfits(commands.add_parser("outfits", help="dress avatars in files in what others wear"))
     _add_surface(commands.add_parser("surface", help="write the visible meshes of a file as one surface"))
     _add_assets(commands.add_parser("assets", help="write each asset of a file as one surface"))
     _add_library(commands.add_parser("library", help="prepare folders of characters, for Find Source"))
@@ -153,6 +155,32 @@ def _add_faces(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--key-names", choices=tuple(CONVENTIONS), help="rename the keys of the target to this convention afterwards"
     )
+
+
+def _add_outfits(parser: argparse.ArgumentParser) -> None:
+    """Add options of dressing avatars in files."""
+    parser.description = (
+        "Dress avatars in what others wear, as the button Dress does. OUTFITS is a file of a body, its clothes and "
+        "their armature, or a folder of them; AVATARS are files or folders of the avatars to dress: .blend, .fbx, .glb "
+        "and .gltf. Each pair of bodies is matched once, and an interrupted run resumes where it stopped. The avatars "
+        "are written to OUT/dressed/AVATAR/OUTFIT in their own format, and OUT/report.html shows them."
+    )
+    parser.add_argument("outfits", metavar="OUTFITS", type=Path, help="file or folder of dressed avatars")
+    parser.add_argument("avatars", metavar="AVATARS", nargs="+", type=Path, help="files or folders of avatars to dress")
+    parser.add_argument("-o", "--output", required=True, metavar="OUT", type=Path, help="the folder for the results")
+    parser.add_argument(
+        "--body",
+        action="append",
+        default=[],
+        metavar="PATTERN",
+        help="name of objects or materials of bodies, such as 'Body*'; may be repeated; by default, words in their "
+        "names tell",
+    )
+    parser.add_argument("--format", choices=("blend", "fbx", "glb"), help="format to write, if not that of the avatar")
+    parser.add_argument("--restart", action="store_true", help="compute everything again")
+    parser.add_argument("--detail", choices=tuple(DETAIL), default="balanced", help="for the matches")
+    _add_options(parser, DressOptions)
+    _add_force(parser)
 
 
 def _add_surface(parser: argparse.ArgumentParser) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The commands `surface`, `assets`, `library`, `carry` and `faces`, which open files."""
+"""The commands `surface`, `assets`, `library`, `carry`, `faces` and `outfits`, which open files."""
 
 from __future__ import annotations
 
@@ -13,16 +13,22 @@ from bpy.types import Context
 
 import zoomout_core as zo
 from zoomout_core.drawing import encode_png
+from zoomout_core.matching.options import MatchOptions
+from zoomout_core.matching.presets import resolve_detail
 from zoomout_core.mesh.formats.files import write_shape
+from zoomout_core.outfits.command import dress_files, find_avatars
 from zoomout_core.runtime.outputs import atomic_write
 
 from ..adapters import DEFAULT
+from ..properties.dress import DressOptions
 from ..properties.transfer import BindOptions, BlendOptions
 from ..services.carry import carry as carry_file
 from ..services.carry import read_file
+from ..services.dress import Dressing
 from ..services.expressions import Review, has_keys, review_expressions
 from ..services.key_names import rename_shape_keys
 from ..services.library import asset_libraries, read_assets
+from ..services.outfits import ENDINGS, BlenderFiles
 from ..services.targets import Outcome
 from ..storage.stored_match import StoredMatch
 from .arguments import as_in_sidebar
@@ -152,3 +158,22 @@ def faces(context: Context, options: argparse.Namespace) -> dict[str, Any]:
             said = rename_shape_keys(context, context.scene.objects[name], options.key_names)
             entries[name]["notes"] = [*entries[name]["notes"], said]
     return entries
+
+
+def outfits(context: Context, options: argparse.Namespace) -> dict[str, Any]:
+    """Dress avatars in files, and report on each outfit on an avatar.
+
+    Raises:
+        MeshError: there is no file, or no outfit can be put on any avatar.
+        OutputError: the results could not be written.
+    """
+    outfits, avatars = find_avatars(options.outfits, options.avatars, options.output, ENDINGS)
+    dressing = Dressing(**DressOptions.dress_options(as_in_sidebar(options, DressOptions)))
+    ending = f".{options.format}" if options.format else ""
+    files = BlenderFiles(context, dressing, tuple(options.body), options.force, ending)
+    match_options = MatchOptions(**resolve_detail(options.detail))
+    result = dress_files(outfits, avatars, options.output, files, match_options, resume=not options.restart)
+    return {
+        str(name): {"verdict": worn.verdict._asdict(), "file": worn.output, "notes": list(worn.notes)}
+        for name, worn in result.worn.items()
+    } | {name: {"error": reason} for name, reason in result.failures.items()}

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 
 import bpy
@@ -23,6 +23,7 @@ from .matrices import transform_points, world_matrix
 from .shape_keys import read_rest_positions
 from .strands import read_strands, write_strands
 from .surfaces import VERTEX_PRESERVING, check_evaluated
+from .vertex_groups import read_mask
 
 # Types of objects that can be worn.
 TYPES = frozenset({"MESH", "CURVES"})
@@ -30,6 +31,8 @@ TYPES = frozenset({"MESH", "CURVES"})
 BOUND_TO_VERTICES = frozenset({"MESH_DEFORM", "SURFACE_DEFORM"})
 # A custom property of copies: the name of the original object.
 COPY_OF = "zoomout_dressed"
+# Another one: the vertex group of the parts that keep their form.
+KEPT = "zoomout_kept"
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +47,8 @@ class Worn:
         hangs_from_bone: whether its parent is a bone.
         takes_keys: whether it can have shape keys.
         content: hash of its own data, to detect edits.
+        kept: name of the vertex group of parts that keep their form; empty if it has none.
+        mask: (n,) the weights of that group; None if it has none.
     """
 
     name: str
@@ -53,13 +58,15 @@ class Worn:
     hangs_from_bone: bool
     takes_keys: bool
     content: str
+    kept: str
+    mask: Floats | None
 
     def place(self, moved: Floats) -> Floats:
         """(4, 4) the world matrix of a copy, given the motion (4, 4) of all worn objects, if not at rest."""
         return self.stood if self.at_rest else moved @ self.stood
 
 
-def read_worn(obj: Object, depsgraph: Depsgraph, at_rest: bool) -> Worn:
+def read_worn(obj: Object, depsgraph: Depsgraph, at_rest: bool, kept: str = "") -> Worn:
     """Read an object that is worn.
 
     Args:
@@ -67,6 +74,7 @@ def read_worn(obj: Object, depsgraph: Depsgraph, at_rest: bool) -> Worn:
         depsgraph: Blender's.
         at_rest: whether to read it undeformed, and placed as while bones are at rest; else it is read as displayed,
             before modifiers that add or remove vertices.
+        kept: name of the vertex group, if it has one of that name, of parts that keep their form.
 
     Raises:
         MeshError: the object has another type, has no points, or is not evaluated.
@@ -74,6 +82,7 @@ def read_worn(obj: Object, depsgraph: Depsgraph, at_rest: bool) -> Worn:
     if obj.type not in TYPES:
         raise zo.MeshError("'{name}' is neither a mesh nor hair curves: convert it to one of them.", name=obj.name)
     stood = matrix_at_rest(obj) if at_rest else world_matrix(obj)
+    has_kept = obj.type == "MESH" and kept in obj.vertex_groups
     return Worn(
         obj.name,
         _curves(obj, depsgraph, at_rest, stood) if obj.type == "CURVES" else _mesh(obj, depsgraph, at_rest, stood),
@@ -82,6 +91,8 @@ def read_worn(obj: Object, depsgraph: Depsgraph, at_rest: bool) -> Worn:
         obj.parent is not None and obj.parent_type == "BONE",
         obj.type == "MESH",
         content_of(obj),
+        kept if has_kept else "",
+        read_mask(obj, kept) if has_kept else None,
     )
 
 
@@ -124,6 +135,7 @@ def add_worn_copy(
     copy.data = obj.data.copy()
     copy.name = copy.data.name = f"{obj.name} on {wearer.name}"
     copy[COPY_OF] = obj.name
+    copy[KEPT] = worn.kept
     collection.objects.link(copy)
     copy.select_set(False)
     notes = _refer_to(copy, wearer, bodies)
@@ -190,6 +202,21 @@ def original_name(obj: Object, wearer: str) -> str:
     """The name of the object that was copied for a wearer to make this one; that of this one if it is no such copy."""
     is_copy = is_worn_copy(obj) and any(each.name == dress_name(wearer) for each in obj.users_collection)
     return str(obj[COPY_OF]) if is_copy else obj.name
+
+
+def kept_group(copy: Object) -> str:
+    """The vertex group of the parts of a copy that keep their form; empty if there are none."""
+    return str(copy.get(KEPT, ""))
+
+
+def groups_to_keep(objects: Iterable[Object]) -> list[str]:
+    """Names of the vertex groups of objects, other than those of their bones."""
+    found: dict[str, None] = {}
+    for obj in objects:
+        if obj.type == "MESH":
+            bones = {bone.name for armature in armatures_of(obj) for bone in armature.data.bones}
+            found |= dict.fromkeys(group.name for group in obj.vertex_groups if group.name not in bones)
+    return list(found)
 
 
 def worn_copies_in(collection: BlenderCollection, name: str) -> list[Object]:

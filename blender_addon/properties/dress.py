@@ -6,10 +6,17 @@ Blender needs evaluated property annotations, so this module does not postpone t
 
 from typing import Any
 
-from bpy.props import BoolProperty, EnumProperty, FloatProperty, PointerProperty
-from bpy.types import Collection
+from bpy.props import BoolProperty, EnumProperty, FloatProperty, PointerProperty, StringProperty
+from bpy.types import Collection, Context
 
+from ..mesh_data import groups_to_keep
 from .once import ONCE
+
+
+def _search_groups(_: Any, context: Context, _text: str) -> list[str]:
+    """Names of vertex groups of the objects to fit."""
+    chosen = context.scene.zoomout.dress_collection
+    return groups_to_keep(context.selected_objects if chosen is None else chosen.all_objects)
 
 
 class DressOptions:
@@ -46,6 +53,15 @@ class DressOptions:
         default=0,
         min=0,
         subtype="DISTANCE",
+        options=ONCE,
+    )
+    dress_keep: StringProperty(
+        name="Keep Form",
+        description=(
+            "Vertex group of the objects, such as of buckles, plates and soles. Each of its connected patches moves "
+            "and scales as a whole; weights below 1 blend with the cloth"
+        ),
+        search=_search_groups,
         options=ONCE,
     )
     dress_follow_keys: BoolProperty(

@@ -44,10 +44,11 @@ IMPORTERS: dict[str, Callable[..., Any]] = {
     ".ply": lambda filepath: bpy.ops.wm.ply_import(filepath=filepath),
     ".stl": lambda filepath: bpy.ops.wm.stl_import(filepath=filepath),
 }
-# Modifiers other than armatures are not exported: applying them would lose a mesh's shape keys.
+# Modifiers other than armatures are not exported: applying them would lose a mesh's shape keys. Armatures keep their
+# bones: Blender would add one at the end of each chain.
 EXPORTERS: dict[str, Callable[..., Any]] = {
     ".fbx": lambda filepath: bpy.ops.export_scene.fbx(
-        filepath=filepath, path_mode="COPY", embed_textures=True, use_mesh_modifiers=False
+        filepath=filepath, path_mode="COPY", embed_textures=True, use_mesh_modifiers=False, add_leaf_bones=False
     ),
     ".glb": lambda filepath: bpy.ops.export_scene.gltf(filepath=filepath, export_format="GLB"),
     ".gltf": lambda filepath: bpy.ops.export_scene.gltf(filepath=filepath, export_format="GLTF_SEPARATE"),

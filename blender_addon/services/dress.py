@@ -47,12 +47,14 @@ class Dressing:
             the body. "soft": all follow the body. "rigid": none do.
         stiffness: how far objects that follow the body keep their form, in [0, 1].
         gap: minimum distance from the skin of points that were outside of it, in scene units.
+        keep: name of a vertex group of the objects; its connected patches move as a whole, see `zoomout_core.dress`.
         follow_keys: whether shape keys of the target drive keys of the copies.
     """
 
     manner: Manner = "automatic"
     stiffness: float = 0.5
     gap: float = 0.0
+    keep: str = ""
     follow_keys: bool = True
 
 
@@ -231,11 +233,11 @@ async def take_to_rest(context: Context, pair: ObjectPair, at_rest: Floats) -> W
     with stage(READING, 0, 0):
         for copy in mesh_data.worn_copies(target):
             await pause()
-            worn.append(_read(context, copy.name, False))
+            worn.append(_read(context, copy.name, False, mesh_data.kept_group(copy)))
     if not worn:
         return lambda: None
     skin, shapes = pair.target.with_vertices(at_rest), [each.shape for each in worn]
-    dressed = await compute(partial(carry, pair.target, at_rest, skin, shapes, manners=["automatic"] * len(worn)))
+    dressed = await compute(partial(carry, pair.target, at_rest, skin, shapes, keep=[each.mask for each in worn]))
 
     def write() -> None:
         check_unchanged(context, worn)
@@ -328,11 +330,18 @@ async def _read_fitting(
         for name in chosen:
             await pause()
             try:
-                worn.append(_read(context, name, at_rest))
+                worn.append(_read(context, name, at_rest, dressing.keep))
             except zo.MeshError as error:
                 left_out[name] = str(error)
     if not worn:
         raise zo.MeshError(next(iter(left_out.values())))
+    if dressing.keep and all(each.mask is None for each in worn):
+        notes.append(
+            warning(
+                "None of the objects has a vertex group '{group}', so all of them follow the body: choose another one.",
+                group=dressing.keep,
+            )
+        )
     keys = mesh_data.read_body_keys(target) if dressing.follow_keys else None
     if keys is not None and not at_rest and not mesh_data.stands_as_modelled(target, onto.vertices - keys.displacement):
         keys = None
@@ -349,13 +358,13 @@ async def _read_fitting(
     return _Fitting(surface, onto, is_body, worn, keys, rigs, weights, notes)
 
 
-def _read(context: Context, name: str, at_rest: bool) -> Worn:
+def _read(context: Context, name: str, at_rest: bool, keep: str) -> Worn:
     obj = context.scene.objects.get(name)
     if obj is None:
         raise zo.MeshError("There is no object '{name}' in the scene: choose another one.", name=name)
     if obj.mode == "EDIT" or (obj.type == "MESH" and obj.data.is_editmode):
         raise zo.MeshError("'{name}' is in Edit Mode: switch to Object Mode first.", name=name)
-    return mesh_data.read_worn(obj, context.evaluated_depsgraph_get(), at_rest)
+    return mesh_data.read_worn(obj, context.evaluated_depsgraph_get(), at_rest, keep)
 
 
 def _carry(match: stored_match.Match, fitting: _Fitting, dressing: Dressing) -> _Fit:
@@ -373,6 +382,7 @@ def _carry(match: stored_match.Match, fitting: _Fitting, dressing: Dressing) -> 
             fitting.target,
             [each.shape for each in fitting.worn],
             manners=manners,
+            keep=[each.mask for each in fitting.worn],
             stiffness=dressing.stiffness,
             gap=dressing.gap,
         )
@@ -430,7 +440,9 @@ def _follow_keys(fitting: _Fitting, keys: BodyKeys, dressed: Dressed) -> list[Fl
     offsets = [np.zeros((len(points), len(keys.keys), 3)) for points in dressed.vertices]
     taking = [number for number, worn in enumerate(fitting.worn) if worn.takes_keys]
     shapes = [_in_shape(fitting.worn[number].shape, dressed.vertices[number]) for number in taking]
-    for number, found in zip(taking, zo.follow_keys(fitting.target, keys.offsets, shapes), strict=True):
+    masks = [fitting.worn[number].mask for number in taking]
+    followed = zo.follow_keys(fitting.target, keys.offsets, shapes, keep=masks)
+    for number, found in zip(taking, followed, strict=True):
         offsets[number] = found
     return offsets
 

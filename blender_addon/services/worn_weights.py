@@ -95,7 +95,8 @@ def follow_groups(
         if each is not None and (given := _by_label(each, of_worn, labels)).nnz
     }
     shapes, places = [worn[number].shape for number in bound], [fitted[number] for number in bound]
-    followed = follow_weights(before, after, shapes, places, list(bound.values()))
+    masks = [worn[number].mask for number in bound]
+    followed = follow_weights(before, after, shapes, places, list(bound.values()), masks)
     for (number, was), now in zip(bound.items(), followed, strict=True):
         used = np.union1d(was.indices, now.indices)
         named = replace(weights.source, labels=tuple(labels[column] for column in used))

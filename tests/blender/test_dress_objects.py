@@ -11,8 +11,10 @@ from scenes import activate, add_uv_map, key_shape, link, positions, set_weights
 
 import zoomout_core as zo
 from blender_addon import api
+from blender_addon.mesh_data import groups_to_keep
 from blender_addon.scene.selection import chosen_targets, source_name
 from zoomout_core.geometry.closest_points import closest_points
+from zoomout_core.geometry.procrustes import procrustes
 from zoomout_core.transfer.dressing import dress
 
 RADIUS_OF_SLEEVE = 1.12
@@ -181,6 +183,33 @@ def test_what_cannot_be_carried_is_said(source):
     report = api.dress(bpy.context, body, target, [empty, sleeve(armature)])
     assert list(report["objects"]) == ["Sleeve"]
     assert list(report["left_out"]) == ["Empty"]
+
+
+def test_a_vertex_group_keeps_its_form(source):
+    body, armature = source
+    cloth = sleeve(armature)
+    rest = visible_positions(cloth).astype(float)
+    place = rest[np.argmax(rest[:, 0])]
+    mask = np.linalg.norm(rest - place, axis=1) < 0.8
+    set_weights(cloth, "Buckle", mask)
+    target, _ = pose_target(body, armature)
+    activate(target, cloth)
+    bpy.context.scene.zoomout.source = body
+    bent = []
+    for group in ("", "Buckle"):
+        assert bpy.ops.zoomout.dress(dress_keep=group) == {"FINISHED"}
+        (copy,) = bpy.data.collections["Target Dress"].objects
+        moved = visible_positions(copy)[mask].astype(float)
+        bent.append(np.linalg.norm(procrustes(rest[mask], moved)(rest[mask]) - moved, axis=1).max())
+    assert bent[0] > 0.05
+    assert bent[1] < 1e-4
+    # The copy still keeps it when it is taken to the rest pose.
+    api.bind_to_rig(bpy.context, body, target)
+    moved = np.array([vertex.co[:] for vertex in copy.data.vertices])[mask]
+    assert np.linalg.norm(procrustes(rest[mask], moved)(rest[mask]) - moved, axis=1).max() < 1e-4
+    assert groups_to_keep([copy, target]) == ["Buckle"]
+    report = api.dress(bpy.context, body, target, [cloth], api.Dressing(keep="Plate"))
+    assert any(note.startswith("None of the objects has a vertex group 'Plate'") for note in report["notes"])
 
 
 def test_undoing_a_dress_is_one_step_and_restores_the_selection(source):

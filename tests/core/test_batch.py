@@ -10,9 +10,10 @@ from typing import Any
 import pytest
 
 import zoomout_core as zo
-from zoomout_core.batch import Job, figures_of, meshes_of, plan, run_jobs
+from zoomout_core.batch import Job, figures_of, plan, run_jobs
 from zoomout_core.command_options import progress_bar
 from zoomout_core.matching.report.verdict import check_verdict, judge
+from zoomout_core.mesh.formats.folders import meshes_of
 from zoomout_core.runtime.progress import advance, stage
 
 JOBS = [Job(Path(f"{number}.ply"), Path(f"{number}.glb")) for number in range(3)]

@@ -16,7 +16,7 @@ import click
 from zoomout_core.assets.files import MESHES as ENDINGS
 from zoomout_core.assets.files import WRITERS, inputs_of, read_asset
 from zoomout_core.assets.transfer_asset import KINDS
-from zoomout_core.batch import FAILED, PARTLY, check_inputs_outside, meshes_of_all
+from zoomout_core.batch import FAILED, PARTLY
 from zoomout_core.cli.report import json_option
 from zoomout_core.cli.transfer_command import check_kinds, check_source
 from zoomout_core.collection.carry import carry
@@ -35,9 +35,10 @@ from zoomout_core.matching.preparation.disk_cache import remove_shapes
 from zoomout_core.matching.presets import resolve_detail
 from zoomout_core.mesh.formats.blender_files import ENDINGS as OF_BLENDER
 from zoomout_core.mesh.formats.blender_files import PROGRAM, blender_command
+from zoomout_core.mesh.formats.folders import meshes_of_all
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.extras import install_hint
-from zoomout_core.runtime.outputs import check_output, is_same_file
+from zoomout_core.runtime.outputs import check_inputs_outside, check_output, is_same_file
 from zoomout_core.runtime.progress import portion
 from zoomout_core.runtime.threads import usable_cores
 

@@ -11,7 +11,7 @@ from typing import Any
 import click
 
 from zoomout_core.assets.files import MESHES, inputs_of
-from zoomout_core.batch import FAILED, PARTLY, check_inputs_outside, meshes_of_all
+from zoomout_core.batch import FAILED, PARTLY
 from zoomout_core.cli.report import json_option, say
 from zoomout_core.collection.report import PAGE, REPORT
 from zoomout_core.collection.shapes import items_of
@@ -20,9 +20,10 @@ from zoomout_core.library.find_all import MADE, PICTURES, RECORDS, Carry, find_a
 from zoomout_core.library.library import INDEX, Library, find_source
 from zoomout_core.library.report import figures_of_targets, lines_of_targets, write_reports
 from zoomout_core.library.search import FoundSource, FoundSources
+from zoomout_core.mesh.formats.folders import meshes_of_all
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.messages import message, note_figures, note_lines, probability
-from zoomout_core.runtime.outputs import check_output
+from zoomout_core.runtime.outputs import check_inputs_outside, check_output
 
 NOT_PREPARED = "Files of the library that are not prepared: {count}; `zoomout library` prepares them or says why not."
 # Places in the results that a run replaces.

@@ -10,26 +10,18 @@ from typing import Any
 
 import click
 
-from zoomout_core.assets.files import check_compression, inputs_of
-from zoomout_core.batch import FAILED, PARTLY, check_inputs_outside, meshes_of_all
+from zoomout_core.assets.files import check_compression
+from zoomout_core.batch import FAILED, PARTLY
 from zoomout_core.cli.report import json_option
 from zoomout_core.collection.engine import has_dask, local_engine
-from zoomout_core.collection.report import PAGE, REPORT
-from zoomout_core.collection.tasks import MAPS, SHAPES
+from zoomout_core.collection.report import PAGE
 from zoomout_core.command_options import compress_option, detail_options, progress_bar, tell
 from zoomout_core.matching.options import MatchOptions
-from zoomout_core.matching.preparation.disk_cache import remove_shapes
 from zoomout_core.matching.presets import resolve_detail
-from zoomout_core.mesh.surface import MeshError
-from zoomout_core.outfits.batch import BODIES, DRESSED, ENDINGS, FITS, PICTURES, RECORDS, Fitting, dress_all
-from zoomout_core.outfits.report import figures_of_outfits, lines_of_outfits, write_reports
-from zoomout_core.runtime.outputs import check_output
+from zoomout_core.outfits.command import dress_files, find_avatars
+from zoomout_core.outfits.gltf_files import ENDINGS, GltfFiles
+from zoomout_core.outfits.report import figures_of_outfits, lines_of_outfits
 from zoomout_core.runtime.threads import usable_cores
-
-# Folder in the results that exists until all is done.
-CACHE = "cache"
-# Places in the results that a run replaces.
-REPLACED = REPORT, PAGE, MAPS, SHAPES, BODIES, FITS, DRESSED, PICTURES, RECORDS, CACHE
 
 
 @click.command()
@@ -42,6 +34,12 @@ REPLACED = REPORT, PAGE, MAPS, SHAPES, BODIES, FITS, DRESSED, PICTURES, RECORDS,
     metavar="PATTERN",
     help="Name of meshes or materials that are parts of bodies, such as 'Body*'. May be repeated. By default, words "
     "in their names tell.",
+)
+@click.option(
+    "--keep",
+    multiple=True,
+    metavar="PATTERN",
+    help="Name of meshes or materials of the outfit that keep their form, such as 'Buckle*'. May be repeated.",
 )
 @click.option(
     "--stiffness",
@@ -70,6 +68,7 @@ def outfits(
     avatars: tuple[Path, ...],
     output: Path,
     body: tuple[str, ...],
+    keep: tuple[str, ...],
     stiffness: float,
     gap: float,
     workers: int | None,
@@ -93,22 +92,14 @@ def outfits(
     The exit code is 0 if all went well, 1 if nothing did, and 3 if some did.
     """
     try:
-        if output.is_file():
-            raise MeshError(f"{output} is a file: name a folder for the results.")
-        check_output(output / REPORT if output.is_dir() else output)
-        dressed, naked = meshes_of_all([outfits], ENDINGS), meshes_of_all(avatars, ENDINGS)
-        check_inputs_outside(inputs_of(*dressed, *naked), output, REPLACED)
+        dressed, naked = find_avatars(outfits, avatars, output, ENDINGS)
         if workers is None:
             workers = min(usable_cores(), len(dressed) + len(naked)) if has_dask() else 1
         check_compression("avatar.glb", compression)
         options = MatchOptions(**resolve_detail(**accuracy))
         with local_engine(workers, 0) as engine, progress_bar():
-            if not resume:
-                _forget(output)
-            fitting = Fitting(body, stiffness, gap, force, compression)
-            result = dress_all(dressed, naked, output, fitting, options, cache=output / CACHE, engine=engine)
-        remove_shapes(output / CACHE)
-        write_reports(result)
+            files = GltfFiles(body, keep, stiffness, gap, force, compression)
+            result = dress_files(dressed, naked, output, files, options, engine, resume=resume)
     except (ValueError, OSError, ImportError) as error:
         raise click.ClickException(str(error)) from None
     if as_json:
@@ -119,10 +110,3 @@ def outfits(
         tell(f"Written to {output}; open {output / PAGE}.")
     if result.failures:
         sys.exit(PARTLY if result.worn else FAILED)
-
-
-def _forget(output: Path) -> None:
-    """Remove what an earlier run recorded, so that everything is computed again."""
-    for pattern in (f"{RECORDS}/*/*.json", f"{MAPS}/*/*.npz", f"{FITS}/*/*.npz", f"{SHAPES}/*.npz"):
-        for made in output.glob(pattern):
-            made.unlink()

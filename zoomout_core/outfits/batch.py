@@ -5,69 +5,74 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
-import numpy as np
-
-from zoomout_core.arrays import Floats
-from zoomout_core.assets.asset import Asset
-from zoomout_core.assets.files import AVATAR, inputs_of, read_asset
-from zoomout_core.assets.gltf.append import append_to_gltf
-from zoomout_core.assets.gltf.compress import compress_gltf
-from zoomout_core.assets.gltf.document import VRM_0
+from zoomout_core.arrays import Integers
+from zoomout_core.assets.files import inputs_of
 from zoomout_core.collection.collection import CollectionResult, match_collection
 from zoomout_core.collection.engine import Engine, Failure, InThisProcess, Task, run_tasks
 from zoomout_core.collection.pair_map import PairName
 from zoomout_core.collection.shapes import content_key
 from zoomout_core.collection.tasks import place_of_map, write_whole
 from zoomout_core.drawing import encode_png
-from zoomout_core.maps.known_match import KnownMatch
 from zoomout_core.matching.options import MatchOptions
 from zoomout_core.matching.report.verdict import Verdict, check_verdict, worst
 from zoomout_core.mesh.formats.files import write_shape
 from zoomout_core.mesh.formats.opening import existing, file_bytes
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.messages import from_json, to_json
-from zoomout_core.outfits.check import check_outfit
-from zoomout_core.outfits.dress_avatar import dress_avatar
-from zoomout_core.outfits.parts import split_avatar
+from zoomout_core.outfits.check import CheckedOutfit
 from zoomout_core.outfits.pictures import draw_outfit
-from zoomout_core.runtime.array_files import ArrayFileError, read_arrays, write_arrays
 from zoomout_core.runtime.outputs import atomic_write, check_no_input, is_same_file
 from zoomout_core.runtime.progress import portion
 from zoomout_core.runtime.version import package_version
-from zoomout_core.transfer.dressing.dress import shape_of_source
 
 # Folders of the results: bodies, bodies in the shapes of others, dressed avatars, pictures, and records of these.
 BODIES, FITS, DRESSED, PICTURES, RECORDS = "bodies", "fits", "dressed", "pictures", "records"
-# Extensions of avatar files.
-ENDINGS = (".glb", ".gltf", ".vrm")
-# Avatars in VRM 0 look along -z, others along z: degrees between both.
-BACKWARDS = 180.0
-# Fractions of the progress at the end of matching, and at the end of shaping a body, of dressing an avatar.
-MATCHED, SHAPED = 0.4, 0.4
+# Fraction of the progress at the end of matching.
+MATCHED = 0.4
 
 
-@dataclass(frozen=True)
-class Fitting:
-    """How outfits are fitted.
+class DressedFile(NamedTuple):
+    """An avatar that was dressed, and written to a file."""
 
-    Attributes:
-        body: patterns of the names of the parts of bodies, see `split_avatar`.
-        stiffness: see `dress`.
-        gap: see `dress`.
-        force: write avatars even if the match is probably wrong.
-        compression: how to compress avatars, see `compress_gltf`; those in VRM are not compressed.
-    """
+    checked: CheckedOutfit  # its clothes
+    triangles: tuple[Integers, Integers]  # those of the body and of the clothes, see `draw_outfit`
+    objects: tuple[tuple[str, int], ...]  # the name of each worn mesh, and the number of its vertices
+    joints: int  # number of the outfit's own joints
+    notes: tuple[str, ...]  # sentences for the user
+    front: float = 0.0  # degrees about the vertical axis from z to where the avatar looks
 
-    body: tuple[str, ...] = ()
-    stiffness: float = 0.5
-    gap: float = 0.0
-    force: bool = False
-    compression: str | None = None
+
+class AvatarFiles(Protocol):
+    """Reads, dresses and writes avatars in files of some formats; its `repr` tells how."""
+
+    @property
+    def force(self) -> bool:
+        """Whether to write avatars even if the match is probably wrong."""
+        ...
+
+    def read_body(self, path: Path, wears: bool) -> Surface:
+        """Read the body of an avatar, which must be told apart from what it wears.
+
+        Raises:
+            MeshError: the file cannot be read, or its body and clothes cannot be told apart.
+        """
+        ...
+
+    def ending(self, avatar: Path) -> str:
+        """The extension of the file to write for an avatar."""
+        ...
+
+    def dress(self, outfit: Path, avatar: Path, map_file: Path, output: Path) -> DressedFile:
+        """Dress an avatar in what another one wears, along the map of their bodies, and write it.
+
+        Raises:
+            MeshError: a file cannot be read or written.
+        """
+        ...
 
 
 class OutfitName(NamedTuple):
@@ -137,7 +142,7 @@ def dress_all(
     outfits: Sequence[Path],
     avatars: Sequence[Path],
     folder: Path,
-    fitting: Fitting,
+    files: AvatarFiles,
     options: MatchOptions,
     *,
     cache: Path | None = None,
@@ -149,7 +154,7 @@ def dress_all(
         outfits: files of dressed avatars.
         avatars: files of avatars to dress; their own clothes stay.
         folder: folder of the results, created if missing.
-        fitting: how to fit.
+        files: their format, and how to fit.
         options: options of every match.
         cache: folder of prepared bodies.
         engine: runs the tasks; None for this process.
@@ -159,7 +164,7 @@ def dress_all(
     """
     engine = InThisProcess() if engine is None else engine
     names, failures = _names([*outfits, *avatars]), dict[str, str]()
-    bodies = _write_bodies(outfits, avatars, names, folder, fitting, failures)
+    bodies = _write_bodies(outfits, avatars, names, folder, files, failures)
     wanted = [
         (outfit, avatar)
         for outfit in outfits
@@ -179,7 +184,7 @@ def dress_all(
         if isinstance(verdict, str):
             failures[str(name)] = verdict
             continue
-        arguments = outfit.absolute(), avatar.absolute(), name, of_bodies, folder.absolute(), fitting, verdict
+        arguments = outfit.absolute(), avatar.absolute(), name, of_bodies, folder.absolute(), files, verdict
         tasks.append(Task(str(name), dress_file, arguments))
         pairs[str(name)] = name
     worn, dressed = dict[OutfitName, Worn](), 0
@@ -210,7 +215,7 @@ def _write_bodies(
     avatars: Sequence[Path],
     names: Mapping[Path, str],
     folder: Path,
-    fitting: Fitting,
+    files: AvatarFiles,
     failures: dict[str, str],
 ) -> dict[str, Path]:
     """Write the body of each file; outfits of the same body share it, and so do avatars."""
@@ -220,29 +225,18 @@ def _write_bodies(
     wearing = set(outfits)
     for path in dict.fromkeys([*outfits, *avatars]):
         try:
-            body = split_avatar(read_avatar_file(path), fitting.body, wears=path in wearing).body
+            body = files.read_body(path, path in wearing)
         except (MeshError, ImportError) as error:
             failures[names[path]] = str(error)
             continue
         made = place / f"{names[path]}.ply"
         with atomic_write(made) as part:
-            write_shape(body.surface, part)
+            write_shape(body, part)
         first = known.setdefault((path in wearing, made.read_bytes()), made)
         if first != made:
             made.unlink()
         found[names[path]] = first
     return found
-
-
-def read_avatar_file(path: Path) -> Asset:
-    """Read an avatar.
-
-    Raises:
-        MeshError: it cannot be read, or is of another format.
-    """
-    if path.suffix.lower() not in ENDINGS:
-        raise MeshError(f"{path} is no glTF or VRM file: export it as one, or use Dress in Blender.")
-    return read_asset(path)
 
 
 def _match_bodies(
@@ -275,7 +269,7 @@ def dress_file(
     name: OutfitName,
     bodies: tuple[str, str],
     folder: Path,
-    fitting: Fitting,
+    files: AvatarFiles,
     verdict: Verdict,
 ) -> tuple[Worn, bool]:
     """Dress an avatar in an outfit, and write it with a picture, unless that is done; returns whether it was new.
@@ -286,80 +280,42 @@ def dress_file(
         name: names of both.
         bodies: names of their bodies.
         folder: folder of the results.
-        fitting: how to fit.
+        files: their format, and how to fit.
         verdict: the verdict on the match of the bodies.
 
     Raises:
         MeshError: a file cannot be read or written, or the match is probably wrong.
     """
-    check_verdict(verdict, fitting.force)
+    check_verdict(verdict, files.force)
     map_file = folder / place_of_map(PairName(*bodies))
     contents = [content_key(file_bytes(existing(path))) for path in (outfit, avatar, map_file)]
-    key = content_key(repr((contents, fitting, package_version())).encode())
-    ending = AVATAR if avatar.suffix.lower() == AVATAR else ".glb"
-    output = Path(DRESSED) / name.avatar / f"{name.outfit}{ending}"
+    key = content_key(repr((contents, files, package_version())).encode())
+    output = Path(DRESSED) / name.avatar / f"{name.outfit}{files.ending(avatar)}"
     record = folder / RECORDS / name.avatar / f"{name.outfit}.json"
     picture = folder / place_of_picture(name)
     earlier = _read_record(record)
     if earlier is not None and earlier.key == key and (folder / output).is_file() and picture.is_file():
         return earlier, False
-    source = split_avatar(read_avatar_file(outfit), fitting.body)
-    target = read_avatar_file(avatar)
-    body = split_avatar(target, fitting.body, wears=False).body
-    assert source.worn is not None
-    assert target.document is not None
-    with portion(0, SHAPED):
-        shape = _shape_of_source(map_file, folder / place_of_fit(bodies), source.body.surface, body.surface)
-    with portion(SHAPED, 1):
-        made = dress_avatar(shape, source.body, source.worn, body, stiffness=fitting.stiffness, gap=fitting.gap)
-    checked = check_outfit(source.body.surface, source.worn.surface, made, body)
     check_no_input(folder / output, inputs_of(outfit, avatar))
     (folder / output).parent.mkdir(parents=True, exist_ok=True)
-    with atomic_write(folder / output) as part:
-        left_out = append_to_gltf(target.document, made.joints, made.clothes, part, made.counterparts)
-        if fitting.compression is not None and ending != AVATAR:
-            compress_gltf(part, fitting.compression)
-    image = draw_outfit(
-        checked,
-        (body.surface.triangles, made.clothes.surface.triangles),
-        [count for _, count in made.clothes.objects],
-        BACKWARDS if VRM_0 in (target.document.gltf.extensions or {}) else 0.0,
-    )
+    made = files.dress(outfit, avatar, map_file, folder / output)
+    image = draw_outfit(made.checked, made.triangles, [count for _, count in made.objects], made.front)
     write_whole(picture, encode_png(image))
-    level, sentence, advice = worst([verdict, checked.verdict])
+    level, sentence, advice = worst([verdict, made.checked.verdict])
     found = Worn(
         key,
         output.as_posix(),
         level,
         str(sentence),
         str(advice),
-        checked.inside,
-        checked.stretched,
-        tuple(each for each, _ in made.clothes.objects),
-        len(made.joints),
-        tuple(dict.fromkeys((*made.notes, *left_out))),
+        made.checked.inside,
+        made.checked.stretched,
+        tuple(each for each, _ in made.objects),
+        made.joints,
+        tuple(dict.fromkeys(made.notes)),
     )
     write_whole(record, json.dumps(to_json(asdict(found)), indent=1).encode())
     return found, True
-
-
-def _shape_of_source(map_file: Path, place: Path, source: Surface, target: Surface) -> Floats:
-    """(n, 3) the vertices of a body in the shape of another one, computed once for each map, and kept in a file."""
-    key = bytes.fromhex(content_key(repr((file_bytes(map_file), package_version())).encode()))
-    with suppress(FileNotFoundError, ArrayFileError, KeyError):
-        known = read_arrays(place)
-        if known["key"].tobytes() == key and known["shape"].shape == source.vertices.shape:
-            return np.asarray(known["shape"])
-    shape = shape_of_source(KnownMatch.load(map_file, source, target), source, target)
-    place.parent.mkdir(parents=True, exist_ok=True)
-    with atomic_write(place) as part:
-        write_arrays(part, {"key": np.frombuffer(key, np.uint8), "shape": shape})
-    return shape
-
-
-def place_of_fit(bodies: tuple[str, str]) -> Path:
-    """Path of a body in the shape of another one, in the results."""
-    return Path(FITS) / bodies[0] / f"{bodies[1]}.npz"
 
 
 def place_of_picture(name: OutfitName) -> Path:

@@ -5,11 +5,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+from scipy.sparse import csr_array
 
-from zoomout_core.arrays import Booleans, Floats
-from zoomout_core.assets.asset import Asset, Skin
+from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.assets.asset import Asset
 from zoomout_core.matching.report.verdict import AMBER, GREEN, Verdict
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import edge_lengths, unique_edges
@@ -37,6 +39,14 @@ INSIDE = "{share:.1%} of the cloth is in the skin."
 INSIDE_POSED = "{share:.1%} of the cloth is in the skin when limbs move."
 MANY_STRETCHED = "{share:.1%} of the edges of the cloth are stretched to more than twice their length."
 LOOK = "Look at the pictures: it is marked red there."
+
+
+class Rigged(NamedTuple):
+    """A surface at rest, and how joints move it."""
+
+    surface: Surface
+    parents: Integers | None  # (b,) the number of each joint's parent, -1 for none; None if it is not bound
+    weights: csr_array | None  # (n, b) weights of the joints, whose rows sum to one
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,23 +89,41 @@ def check_outfit(source: Surface, worn: Surface, dressed: DressedAvatar, target:
         dressed: the clothes on the avatar.
         target: the avatar's body.
     """
-    cloth, height = dressed.clothes.surface, float(np.ptp(target.surface.vertices[:, 1]))
+    cloth, body = (
+        Rigged(each.surface, *((None, None) if each.skin is None else (each.skin.parents, each.skin.weights)))
+        for each in (dressed.clothes, target)
+    )
+    heads = np.zeros((0, 3))
+    if target.skin is not None and target.document is not None:
+        heads = target.document.worlds()[0][target.skin.nodes, :3, 3]
+    return check_rigged(source, worn, cloth, body, heads)
+
+
+def check_rigged(source: Surface, worn: Surface, cloth: Rigged, body: Rigged, heads: Floats) -> CheckedOutfit:
+    """Check clothes on a body.
+
+    Args:
+        source: the body that wore them before; y is up.
+        worn: the clothes on it.
+        cloth: the clothes on the other body.
+        body: that body.
+        heads: (b, 3) heads of its joints, which are the first of those of the clothes; none if it is not bound.
+    """
+    height = float(np.ptp(body.surface.vertices[:, 1]))
     before = _depths(source, source.vertices, worn, worn.vertices)
     was_outside = before < DEEP * float(np.ptp(source.vertices[:, 1]))
-    bodies, clothes = {REST: target.surface.vertices}, {REST: cloth.vertices}
-    if target.skin is not None and target.document is not None and dressed.clothes.skin is not None:
-        heads = target.document.worlds()[0][target.skin.nodes, :3, 3]
+    bodies, clothes = {REST: body.surface.vertices}, {REST: cloth.surface.vertices}
+    if len(heads) and body.parents is not None and cloth.parents is not None:
         for pose in AXES:
-            transforms = _pose(pose, target.skin, heads)
-            bodies[pose] = _move(target.surface.vertices, target.skin, transforms)
-            clothes[pose] = _move(cloth.vertices, dressed.clothes.skin, transforms)
+            transforms = _pose(pose, body.parents, heads)
+            bodies[pose], clothes[pose] = (_move(each, transforms) for each in (body, cloth))
     inside, marks = {}, {}
     for pose in bodies:
-        wrong = was_outside & (_depths(target.surface, bodies[pose], cloth, clothes[pose]) > DEEP * height)
-        inside[pose], marks[pose] = float(wrong.mean()), wrong[: len(cloth.vertices)]
-    growth = float(np.sqrt(target.surface.area / source.area))
-    edges, _ = unique_edges(cloth.triangles)
-    old, new = (edge_lengths(points, edges) for points in (worn.vertices, cloth.vertices))
+        wrong = was_outside & (_depths(body.surface, bodies[pose], cloth.surface, clothes[pose]) > DEEP * height)
+        inside[pose], marks[pose] = float(wrong.mean()), wrong[: len(cloth.surface.vertices)]
+    growth = float(np.sqrt(body.surface.area / source.area))
+    edges, _ = unique_edges(cloth.surface.triangles)
+    old, new = (edge_lengths(points, edges) for points in (worn.vertices, cloth.surface.vertices))
     return CheckedOutfit(inside, float((new > STRETCHED * growth * old).mean()), bodies, clothes, marks)
 
 
@@ -105,30 +133,32 @@ def _depths(body: Surface, skin: Floats, cloth: Surface, points: Floats) -> Floa
     return -sided.sides(np.concatenate([points, points[cloth.triangles].mean(axis=1)]))[0]
 
 
-def _pose(name: str, skin: Skin, heads: Floats) -> Floats:
+def _pose(name: str, parents: Integers, heads: Floats) -> Floats:
     """(b, 3, 4) transforms of joints with heads (b, 3) to a pose: each limb turns where it begins."""
     middle, height = float(np.median(heads[:, 0])), float(np.ptp(heads[:, 1]))
     side = np.where(np.abs(heads[:, 0] - middle) > ASIDE * height, np.sign(heads[:, 0] - middle), 0)
     reach = np.zeros(len(heads))
-    for joint in reversed(parents_first(skin.parents)):
-        above = skin.parents[joint]
+    for joint in reversed(parents_first(parents)):
+        above = parents[joint]
         if above >= 0:
             reach[above] = max(reach[above], reach[joint] + np.linalg.norm(heads[joint] - heads[above]))
     turns, in_limb = np.zeros((len(heads), 3)), np.zeros(len(heads), dtype=bool)
-    for joint in parents_first(skin.parents):
-        above = skin.parents[joint]
+    for joint in parents_first(parents):
+        above = parents[joint]
         in_limb[joint] = above >= 0 and in_limb[above]
         if not in_limb[joint] and side[joint] and reach[joint] > LONG * height:
             in_limb[joint] = True
             turns[joint] = np.radians(ANGLE) * side[joint] * np.array(AXES[name])
-    return pose_of_turns(turns, heads, skin.parents)
+    return pose_of_turns(turns, heads, parents)
 
 
-def _move(points: Floats, skin: Skin, transforms: Floats) -> Floats:
-    """(n, 3) points (n, 3) moved by transforms (b, 3, 4) of the first joints of a skin, which the others follow."""
-    every = np.zeros((len(skin.names), 3, 4))
+def _move(rigged: Rigged, transforms: Floats) -> Floats:
+    """(n, 3) vertices moved by transforms (b, 3, 4) of the first joints, which the others follow."""
+    assert rigged.parents is not None
+    assert rigged.weights is not None
+    every = np.zeros((len(rigged.parents), 3, 4))
     every[: len(transforms)] = transforms
-    for joint in parents_first(skin.parents):
+    for joint in parents_first(rigged.parents):
         if joint >= len(transforms):
-            every[joint] = every[skin.parents[joint]]
-    return transform_points(blend_matrices(every, skin.weights), points)
+            every[joint] = every[rigged.parents[joint]]
+    return transform_points(blend_matrices(every, rigged.weights), rigged.surface.vertices)

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -14,6 +14,8 @@ from zoomout_core.assets.asset import NORMALS, SHAPE_KEYS, Asset
 from zoomout_core.assets.gltf.append import NewJoint
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import unit_vectors
+from zoomout_core.messages import warning
+from zoomout_core.outfits.parts import mask_of
 from zoomout_core.outfits.skeleton import Fit, bind_clothes
 from zoomout_core.runtime.progress import portion
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
@@ -43,7 +45,14 @@ class DressedAvatar:
 
 
 def dress_avatar(
-    shape: Floats, source: Asset, worn: Asset, target: Asset, *, stiffness: float = 0.5, gap: float = 0.0
+    shape: Floats,
+    source: Asset,
+    worn: Asset,
+    target: Asset,
+    *,
+    keep: Sequence[str] = (),
+    stiffness: float = 0.5,
+    gap: float = 0.0,
 ) -> DressedAvatar:
     """Dress an avatar in what another one wears.
 
@@ -52,17 +61,24 @@ def dress_avatar(
         source: the body that wears it.
         worn: what it wears, of the same file.
         target: the body to dress, of another file.
+        keep: patterns of the names of its meshes or materials that keep their form, such as `Buckle*`.
         stiffness: how far soft objects keep their form, see `dress`.
         gap: minimum distance from the skin, see `dress`.
     """
     objects = _objects(worn)
+    masks = np.split(mask_of(worn, keep), np.cumsum([len(each.vertices) for each in objects])[:-1])
+    unknown = [pattern for pattern in keep if not mask_of(worn, [pattern]).any()]
     with portion(0, FITTED):
-        dressed = carry(source.surface, shape, target.surface, objects, stiffness=stiffness, gap=gap)
+        dressed = carry(source.surface, shape, target.surface, objects, keep=masks, stiffness=stiffness, gap=gap)
     clothes = _place(worn, dressed)
     with portion(FITTED, KEYED):
-        clothes = _add_body_keys(clothes, target, objects, dressed)
-    bound = bind_clothes(clothes, Fit(source, shape, objects, dressed.vertices), target)
-    return DressedAvatar(bound.clothes, bound.joints, bound.counterparts, (*dressed.notes, *bound.notes))
+        clothes = _add_body_keys(clothes, target, objects, dressed, masks)
+    bound = bind_clothes(clothes, Fit(source, shape, objects, dressed.vertices, masks), target)
+    notes = [
+        warning("No mesh or material of the outfit is called like '{pattern}': nothing there was kept.", pattern=each)
+        for each in unknown
+    ]
+    return DressedAvatar(bound.clothes, bound.joints, bound.counterparts, (*notes, *dressed.notes, *bound.notes))
 
 
 def _turn(asset: Asset, turns: Floats) -> Asset:
@@ -99,13 +115,15 @@ def _place(worn: Asset, dressed: Dressed) -> Asset:
     return _turn(moved, np.concatenate(dressed.turns))
 
 
-def _add_body_keys(clothes: Asset, target: Asset, objects: list[Surface], dressed: Dressed) -> Asset:
+def _add_body_keys(
+    clothes: Asset, target: Asset, objects: list[Surface], dressed: Dressed, masks: Sequence[Floats]
+) -> Asset:
     """Add a key for each of the body's that moves the clothes; it replaces one of the same name."""
     of_body, own = target.find(SHAPE_KEYS), clothes.find(SHAPE_KEYS)
     if of_body is None:
         return clothes
     fitted = [each.with_vertices(points) for each, points in zip(objects, dressed.vertices, strict=True)]
-    followed = np.concatenate(follow_keys(target.surface, of_body.values, fitted))
+    followed = np.concatenate(follow_keys(target.surface, of_body.values, fitted, keep=masks))
     moving = np.flatnonzero(followed.any(axis=(0, 2)))
     values = {of_body.labels[key]: followed[:, key] for key in moving}
     if own is not None:

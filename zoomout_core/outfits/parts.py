@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from fnmatch import fnmatchcase
 from typing import NamedTuple
@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.sparse import csr_array
 
-from zoomout_core.arrays import Booleans
+from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.assets.asset import MATERIALS, Asset
 from zoomout_core.mesh.formats.opening import shown
 from zoomout_core.mesh.surface import MeshError, Surface
@@ -55,6 +55,41 @@ def split_avatar(asset: Asset, body: Sequence[str] = (), *, wears: bool = True) 
     Raises:
         MeshError: it must have both, and has not.
     """
+    names, part = _named_parts(asset)
+    of_body = np.array(are_of_body(names, body, wears=wears))[part]
+    return AvatarParts(keep_faces(asset, of_body), None if of_body.all() else keep_faces(asset, ~of_body))
+
+
+def are_of_body(names: Sequence[Sequence[str]], body: Sequence[str] = (), *, wears: bool = True) -> list[bool]:
+    """Whether parts of an avatar are of its body, by their names, for each part the most telling one first.
+
+    For the other arguments, see `split_avatar`.
+
+    Raises:
+        MeshError: it must have a body and something worn, and has not.
+    """
+    found = [_is_of_body(each, body) for each in names]
+    known = [(not wears) if kind is None else kind for kind in found]
+    if wears and (all(known) or not any(known)):
+        listed = ", ".join(dict.fromkeys(shown("/".join(filter(None, name))) for name in names))
+        raise MeshError(
+            "The names of the parts do not show which belong to the body and which are worn "
+            f"({listed}): name those of the body with --body."
+        )
+    return known
+
+
+def mask_of(asset: Asset, patterns: Sequence[str]) -> Floats:
+    """(n,) 1 at vertices of meshes or materials whose names match one of some patterns, else 0."""
+    surface, (names, part) = asset.surface, _named_parts(asset)
+    chosen = np.array([_matches(name, patterns) for name in names])[part]
+    mask = np.zeros(len(surface.vertices))
+    mask[surface.corner_vertex[np.repeat(chosen, np.diff(surface.face_start))]] = 1
+    return mask
+
+
+def _named_parts(asset: Asset) -> tuple[list[tuple[str, str]], Integers]:
+    """The names of the material and of the mesh of each part, and (f,) the number of each face's part."""
     surface = asset.surface
     first = surface.corner_vertex[surface.face_start[:-1]]
     owner = np.repeat(np.arange(len(asset.objects)), [count for _, count in asset.objects])
@@ -62,25 +97,21 @@ def split_avatar(asset: Asset, body: Sequence[str] = (), *, wears: bool = True) 
     material = np.full(len(first), -1) if materials is None else np.asarray(materials.values)
     pairs, part = np.unique(np.column_stack([owner[first], material]), axis=0, return_inverse=True)
     names = [
-        (asset.objects[mesh][0], asset.materials[number].name if number >= 0 else "") for mesh, number in pairs.tolist()
+        (asset.materials[number].name if number >= 0 else "", asset.objects[mesh][0]) for mesh, number in pairs.tolist()
     ]
-    kinds = [_is_of_body(*name, body) for name in names]
-    known = [(not wears) if kind is None else kind for kind in kinds]
-    if wears and (all(known) or not any(known)):
-        listed = ", ".join(dict.fromkeys(shown("/".join(filter(None, name))) for name in names))
-        raise MeshError(
-            "The names of the parts do not show which belong to the body and which are worn "
-            f"({listed}): name those of the body with --body."
-        )
-    of_body = np.array(known)[part.ravel()]
-    return AvatarParts(keep_faces(asset, of_body), None if of_body.all() else keep_faces(asset, ~of_body))
+    return names, part.ravel()
 
 
-def _is_of_body(mesh: str, material: str, patterns: Sequence[str]) -> bool | None:
-    """Whether a part is of the body, by its material first; None if that is unknown."""
+def _matches(names: Iterable[str], patterns: Sequence[str]) -> bool:
+    """Whether one of some names matches one of the patterns, such as `Body*`, in any case."""
+    return any(fnmatchcase(name.lower(), pattern.lower()) for name in names for pattern in patterns)
+
+
+def _is_of_body(names: Sequence[str], patterns: Sequence[str]) -> bool | None:
+    """Whether a part is of the body; None if its names do not tell."""
     if patterns:
-        return any(fnmatchcase(name.lower(), pattern.lower()) for name in (mesh, material) for pattern in patterns)
-    for name in (material, mesh):
+        return _matches(names, patterns)
+    for name in names:
         words = re.sub(r"[^a-z]+", " ", re.sub(r"([a-z])([A-Z])", r"\1 \2", name).lower())
         if OF_WORN.search(words):
             return False

@@ -56,12 +56,14 @@ class Fit:
         shape: (n, 3) its vertices in the shape of the other body.
         objects: what it wore, in the order of the clothes' vertices.
         fitted: for each of these (n, 3) its vertices on the other body.
+        keep: for each of these (n,) weights of the vertices that keep their form.
     """
 
     body: Asset
     shape: Floats
     objects: Sequence[Surface]
     fitted: Sequence[Floats]
+    keep: Sequence[Floats]
 
 
 def bind_clothes(clothes: Asset, fit: Fit, target: Asset) -> BoundClothes:
@@ -280,6 +282,7 @@ def _make_skin(
         fit.objects,
         fit.fitted,
         [weights[start:stop] for start, stop in pairwise(ends)],
+        fit.keep,
     )
     weights = csr_array(vstack(followed, format="csr"))
     rest, linear = to_rest(clothes.surface.vertices, weights, np.array(transforms))

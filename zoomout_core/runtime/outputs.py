@@ -225,3 +225,16 @@ def _part_of(path: Path) -> Path:
                 if time() - part.stat().st_mtime > ABANDONED:
                     shutil.rmtree(part) if part.is_dir() else part.unlink()
     return path.with_name(f".{token_hex(4)}.part{path.suffix}")
+
+
+def check_inputs_outside(inputs: Iterable[Path], output: Path, names: Iterable[str]) -> None:
+    """Check that no input is at one of the places in a folder, given by their names, where results are replaced.
+
+    Raises:
+        OutputError: one is.
+    """
+    written = [os.path.realpath(output / name) for name in names]
+    for path in inputs:
+        place = Path(os.path.realpath(path))
+        if any(place.is_relative_to(each) for each in written):
+            raise OutputError(f"{path} is an input in a place of {output} for results: choose another output folder.")

@@ -29,7 +29,7 @@ def test_the_body_of_a_naked_avatar_is_all_of_it(dolls: Path) -> None:
     body, worn = split_avatar(asset, wears=False)
     assert worn is None
     np.testing.assert_array_equal(body.surface.vertices, asset.surface.vertices)
-    with pytest.raises(MeshError, match=r"\('Skin/skin material'\): name those of the body with --body"):
+    with pytest.raises(MeshError, match=r"\('skin material/Skin'\): name those of the body with --body"):
         split_avatar(asset)
 
 

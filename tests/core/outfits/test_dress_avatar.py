@@ -13,6 +13,7 @@ from dolls import CHAIN, KEY
 from zoomout_core.assets.asset import SHAPE_KEYS, Asset
 from zoomout_core.assets.files import read_asset
 from zoomout_core.assets.gltf.append import append_to_gltf
+from zoomout_core.geometry.procrustes import procrustes
 from zoomout_core.outfits.check import REST, SPREAD, SWING, check_outfit
 from zoomout_core.outfits.dress_avatar import DressedAvatar, dress_avatar
 from zoomout_core.outfits.parts import AvatarParts, split_avatar
@@ -42,6 +43,20 @@ def test_clothes_grow_with_the_body(parts: AvatarParts, dressed: DressedAvatar) 
     off = np.linalg.norm(dressed.clothes.surface.vertices - parts.worn.surface.vertices * WIDER, axis=1)
     assert off.mean() < 0.02  # of a height of 6
     assert dressed.notes == ("3 joints of the outfit were added to the avatar.",)
+
+
+def test_parts_named_by_patterns_keep_their_form(parts: AvatarParts, target: Asset) -> None:
+    assert parts.worn is not None
+    kept = dress_avatar(
+        parts.body.surface.vertices * WIDER, parts.body, parts.worn, target, keep=["SHIRT mat*", "Buckle*"]
+    )
+    assert kept.notes[0] == "No mesh or material of the outfit is called like 'Buckle*': nothing there was kept."
+    start = np.cumsum([0, *(count for _, count in parts.worn.objects)])
+    for number, (name, _) in enumerate(parts.worn.objects):
+        some = slice(start[number], start[number + 1])
+        rest, moved = parts.worn.surface.vertices[some], kept.clothes.surface.vertices[some]
+        bent = np.linalg.norm(procrustes(rest, moved)(rest) - moved, axis=1).max()
+        assert (bent < 1e-3) == (name == "Shirt")
 
 
 def test_clothes_have_the_keys_of_the_body(dressed: DressedAvatar) -> None:

@@ -26,7 +26,8 @@ def test_avatars_are_dressed_once(dolls: Path, tmp_path: Path) -> None:
     shutil.copy(dolls / "naked.glb", avatars)
     shutil.copy(dolls / "naked.glb", avatars / "twin.glb")
     (avatars / "broken.glb").write_bytes(b"glTF")
-    done = run(dolls / "dressed.glb", avatars, "-o", output, "--json")
+    options = "-o", output, "--json", "--keep", "Buckle*"
+    done = run(dolls / "dressed.glb", avatars, *options)
     assert done.exit_code == 3, done.output
     figures = json.loads(done.stdout)
     assert [row["avatar"] for row in figures["outfits"]] == ["naked", "twin"]
@@ -34,6 +35,7 @@ def test_avatars_are_dressed_once(dolls: Path, tmp_path: Path) -> None:
     assert list(figures["failures"]) == ["broken"]
     for row in figures["outfits"]:
         assert row["verdict"]["level"] == "green"
+        assert "No mesh or material of the outfit is called like 'Buckle*': nothing there was kept." in row["warnings"]
         assert max(row["inside"].values()) < 0.01
         dressed = read_asset(output / row["output"])
         assert [name for name, _ in dressed.objects] == ["Skin", "Shirt", "Trousers"]
@@ -42,7 +44,7 @@ def test_avatars_are_dressed_once(dolls: Path, tmp_path: Path) -> None:
     assert "broken" in page
     # Existing results are kept, and missing ones are made again.
     (output / "dressed" / "twin" / "dressed.glb").unlink()
-    again = json.loads(run(dolls / "dressed.glb", avatars, "-o", output, "--json").stdout)
+    again = json.loads(run(dolls / "dressed.glb", avatars, *options).stdout)
     assert (again["matched_now"], again["dressed_now"]) == (0, 1)
     assert again["outfits"] == figures["outfits"]
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import zoomout_core as zo
+from zoomout_core.geometry.procrustes import procrustes
 from zoomout_core.samples.spheres import ball
 from zoomout_core.transfer.dressing.body_keys import BODY_KEYS
 from zoomout_core.transfer.dressing.contact import CONTACT, SidedSurface
@@ -118,3 +119,18 @@ def test_the_distance_without_a_key_is_measured_once_for_all_keys(monkeypatch: p
     zo.follow_keys(BODY, np.stack([bump(0.1), bump(0.2), bump(0.1, 0.5)], axis=1), [shirt])
     assert measured.count(True) == 1
     assert measured.count(False) >= 3
+
+
+def test_masked_patches_keep_their_form_with_a_key() -> None:
+    shirt, offsets = shell(1.02), bump(0.2, 0.5)[:, None]
+    mask = np.asarray(np.linalg.norm(shirt.vertices - [0.2, 0, 1], axis=1) < 0.3, float)
+    chosen = np.flatnonzero(mask)
+
+    def bent(keep: list[np.ndarray] | None) -> float:
+        """Greatest distance of the patch from a rigid motion of it."""
+        moved = (shirt.vertices + zo.follow_keys(BODY, offsets, [shirt], keep=keep)[0][:, 0])[chosen]
+        rest = shirt.vertices[chosen]
+        return float(np.linalg.norm(procrustes(rest, moved, scales=(1, 1))(rest) - moved, axis=1).max())
+
+    assert bent(None) > 0.02
+    assert bent([mask]) < 1e-5

@@ -44,6 +44,18 @@ def test_what_moves_unlike_the_skin_stays_as_it_is() -> None:
     np.testing.assert_allclose(follow(SHIRT, csr_array(given)), given, atol=1e-9)
 
 
+def test_masked_vertices_keep_their_weights() -> None:
+    given, mask = bend(SHIRT.vertices, 0.0), (SHIRT.vertices[:, 0] > 0.5) * 1.0
+    before, after = (WeightedBody(BODY, bend(BODY.vertices, height)) for height in (0.0, 0.3))
+    free, kept = (
+        follow_weights(before, after, [SHIRT], [SHIRT.vertices], [given], keep)[0].toarray() for keep in (None, [mask])
+    )
+    changed = np.abs(free - given.toarray()).max(axis=1) > 0.01
+    assert changed[mask > 0].any()
+    np.testing.assert_allclose(kept[mask > 0], given.toarray()[mask > 0], atol=1e-9)
+    np.testing.assert_allclose(kept[mask == 0], free[mask == 0], atol=1e-9)
+
+
 def test_a_change_is_smooth_where_the_skin_below_is_torn() -> None:
     """The place of one vertex is off, so that the skin below it has other weights."""
     given, places = bend(SHIRT.vertices, 0.0), SHIRT.vertices.copy()

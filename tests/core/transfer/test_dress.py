@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from zoomout_core.geometry.procrustes import procrustes
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.mesh.triangles import edge_lengths, unique_edges
 from zoomout_core.runtime.progress import Progress
 from zoomout_core.samples.spheres import ball
 from zoomout_core.transfer import Lines, carry, dress
@@ -237,6 +238,95 @@ def test_stiff_cloth_keeps_its_form() -> None:
     assert errors[1] < 0.9 * errors[0]
 
 
+def plate(shirt: Surface, place: tuple[float, float, float] = (0, 0, 1.03), radius: float = 0.3) -> np.ndarray:
+    """(n,) a mask of the shirt's vertices around a place."""
+    return np.asarray(np.linalg.norm(shirt.vertices - place, axis=1) < radius, float)
+
+
+def strips(count: int) -> tuple[Surface, np.ndarray, np.ndarray]:
+    """A shell of loose strips that touch, and (p,) numbers of vertices on either side of their borders."""
+    whole = shell(1.1, 1500)
+    strip = np.floor(count * (whole.vertices[whole.triangles].mean(axis=1)[:, 0] / 2.2 + 0.5)).astype(int)
+    parts = []
+    for number in range(count):
+        used, corners = np.unique(whole.triangles[strip == number], return_inverse=True)
+        parts.append((used, whole.vertices[used] * (1 + 0.002 * (number % 2)), corners.reshape(-1, 3)))
+    number = np.concatenate([used for used, _, _ in parts])
+    order = np.argsort(number, kind="stable")
+    same = np.flatnonzero(np.diff(number[order]) == 0)
+    return Surface.joined([Surface(points, corners) for _, points, corners in parts]), order[same], order[same + 1]
+
+
+def test_touching_loose_parts_stay_together() -> None:
+    braid, first, second = strips(6)
+
+    def drift() -> float:
+        """Mean change of the distance between touching vertices, relative to the size."""
+        worn = carry(BODY, noisy(0.08), EGG, [braid], stiffness=1.0).vertices[0]
+        return float(np.linalg.norm(worn[first] - worn[second], axis=1).mean() / SIZE)
+
+    with retune(SOLID, touching=0.0):
+        loose = drift()
+    assert drift() < 0.5 * loose
+
+
+def test_masked_patches_keep_their_form_and_the_scale_of_the_garment() -> None:
+    shirt = shell(1.03, 1500)
+    masks = plate(shirt), plate(shirt, (0.73, 0, 0.73))
+    soft, kept = (carry(BODY, noisy(0.05), EGG, [shirt], keep=keep) for keep in (None, [masks[0] + masks[1]]))
+    sizes = []
+    for mask in masks:
+        chosen = np.flatnonzero(mask)
+        assert similar(soft.vertices[0][chosen], shirt.vertices[chosen]) > 0.05
+        assert similar(kept.vertices[0][chosen], shirt.vertices[chosen]) < 1e-5
+        motion = procrustes(shirt.vertices[chosen], kept.vertices[0][chosen])
+        np.testing.assert_allclose(
+            kept.turns[0][chosen], np.broadcast_to(motion.linear, (len(chosen), 3, 3)), atol=0.01
+        )
+        sizes.append(motion.scale)
+    growth = np.linalg.norm(soft.turns[0][np.unique(shirt.triangles)][:, 0], axis=1)
+    np.testing.assert_allclose(sizes, np.median(growth), rtol=1e-4)
+    # Each moves on its own, to where its vertices would go, and the cloth around continues it.
+    assert np.linalg.norm((kept.vertices[0] - soft.vertices[0])[masks[0] > 0].mean(axis=0)) < 0.05 * SIZE
+    assert similar(kept.vertices[0][masks[0] + masks[1] > 0], shirt.vertices[masks[0] + masks[1] > 0]) > 0.01
+    assert not kept.stretched[0].any()
+    edges, _ = unique_edges(shirt.triangles)
+    rim = edges[np.ptp((masks[0] + masks[1])[edges], axis=1) > 0]
+    assert np.std(edge_lengths(kept.vertices[0], rim) / edge_lengths(soft.vertices[0], rim)) < 0.18
+
+
+def test_a_half_masked_patch_is_half_as_stiff() -> None:
+    shirt = shell(1.03, 800)
+    mask = plate(shirt)
+    soft, half = (carry(BODY, noisy(0.05), EGG, [shirt], keep=[share * mask]).vertices[0] for share in (0, 0.5))
+    bent = [similar(worn[mask > 0], shirt.vertices[mask > 0]) for worn in (soft, half)]
+    assert 0.3 < bent[1] / bent[0] < 0.7
+
+
+def test_a_masked_patch_is_pushed_out_of_the_skin_as_a_whole() -> None:
+    shirt = shell(1.03, 800)
+    mask = plate(shirt)
+    bump = 1 + 0.1 * np.exp(-(np.linalg.norm(BODY.vertices - [0.2, 0, 1], axis=1, keepdims=True) ** 2) / 0.01)
+    bumpy, chosen = BODY.with_vertices(BODY.vertices * bump), np.flatnonzero(mask)
+    skin, inside = SidedSurface.of(bumpy, 1.0), list[float]()
+    for rounds in (0, CONTACT.rounds):
+        with retune(CONTACT, rounds=rounds):
+            worn = carry(BODY, BODY.vertices, bumpy, [shirt], keep=[mask]).vertices[0]
+        assert similar(worn[chosen], shirt.vertices[chosen]) < 1e-5
+        inside.append(skin.sides(worn[chosen])[0].min())
+    assert inside[0] < -0.01
+    assert inside[1] > 0
+
+
+def test_a_masked_patch_keeps_what_is_in_the_skin() -> None:
+    """A sole encloses a foot: to push out some of it would push the rest in."""
+    shirt = shell(0.995, 800)
+    soft, kept = (carry(BODY, BODY.vertices, BODY, [shirt], keep=keep).vertices[0] for keep in (None, [plate(shirt)]))
+    chosen = plate(shirt) > 0
+    assert np.linalg.norm(soft - shirt.vertices, axis=1)[chosen].min() > 0.003
+    assert np.linalg.norm(kept - shirt.vertices, axis=1)[chosen].max() < 0.001
+
+
 def test_points_that_nothing_connects_follow_the_body() -> None:
     shirt = shell(1.06)
     loose = Surface(np.concatenate([shirt.vertices, [[0, 0, 1.1]]]), shirt.triangles)
@@ -266,6 +356,11 @@ def test_what_is_wrong_is_said() -> None:
         carry(BODY, EGG.vertices, EGG, [shirt], gap=-1)
     with pytest.raises(ValueError, match="'automatic', 'soft', 'rigid'"):
         carry(BODY, EGG.vertices, EGG, [shirt], manners=["hard"])  # type: ignore[list-item]
+    with pytest.raises(ValueError, match="keep has 2 masks: give one, or None, for each of the 1 objects"):
+        carry(BODY, EGG.vertices, EGG, [shirt], keep=[None, None])
+    for mask in ([1.0], np.full(len(shirt.vertices), 2.0), np.full(len(shirt.vertices), np.nan)):
+        with pytest.raises(ValueError, match=r"a mask in keep .* numbers from 0 to 1"):
+            carry(BODY, EGG.vertices, EGG, [shirt], keep=[mask])
     with pytest.raises(MeshError, match="no point among the 2"):
         Lines([[0, 0, 0], [1, 0, 0]], [[0, 2]])
     with pytest.raises(MeshError, match="not finite"):

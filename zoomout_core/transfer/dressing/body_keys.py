@@ -20,7 +20,8 @@ from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.runtime.progress import Progress, advance, listening, stage
 from zoomout_core.transfer.dressing.contact import CONTACT, Barrier, Contact, SidedSurface
-from zoomout_core.transfer.dressing.form import Form, Lines
+from zoomout_core.transfer.dressing.form import Form, Lines, read_masks
+from zoomout_core.transfer.dressing.kept_parts import KeptParts
 from zoomout_core.transfer.dressing.patches import Patches
 from zoomout_core.transfer.keys.shape_keys import without_noise
 from zoomout_core.tuning import Tuning, tuned
@@ -50,6 +51,7 @@ def follow_keys(
     offsets: ArrayLike,
     worn: Sequence[Surface | Lines],
     *,
+    keep: Sequence[ArrayLike | None] | None = None,
     progress: Callable[[Progress], object] | None = None,
 ) -> tuple[Floats, ...]:
     """Offsets that make worn objects follow the shape keys of the body that wears them.
@@ -61,13 +63,14 @@ def follow_keys(
         body: the body, at rest, without the objects.
         offsets: (n, keys, 3) offsets of its vertices.
         worn: the objects on the body, surfaces and lines.
+        keep: for each object weights (n,) in [0, 1] of vertices that keep their form, or None, see `dress`.
         progress: called with the `Progress`, see `zoomout_core.progress`.
 
     Returns:
         For each object (n, keys, 3) offsets of its vertices.
 
     Raises:
-        ValueError: the offsets have another shape, or are not finite.
+        ValueError: the offsets have another shape, or are not finite; or a mask has another shape.
 
     Example:
         >>> wider = 0.1 * source.vertices[:, None] * [1, 0, 1]
@@ -80,15 +83,15 @@ def follow_keys(
         raise ValueError(
             f"offsets are of the shape {keys.shape}, or not finite: give finite ones ({len(body.vertices)}, keys, 3)."
         )
-    followed = list[Floats]()
+    masks, followed = read_masks(worn, keep), list[Floats]()
     with listening(progress), stage("Following the keys"):
         patches = Patches(body.vertices / unit, body.triangles)
         skin = SidedSurface.of(body, unit)
         keyed = [skin.with_vertices((body.vertices + offsets) / unit) for offsets in keys.transpose(1, 0, 2)]
-        for number, each in enumerate(worn):
+        for number, (each, mask) in enumerate(zip(worn, masks, strict=True)):
             advance(number / len(worn))
-            form = Form.of(each, unit)
-            offsets = without_noise(_follow(patches, form.places, keys), body.area)
+            form = Form.of(each, unit, mask)
+            offsets = without_noise(_keep_parts(form, _follow(patches, form.places, keys), unit), body.area)
             followed.append(offsets + unit * _pushes(form, offsets / unit, skin, keyed))
     return tuple(followed)
 
@@ -105,12 +108,24 @@ def means_of_skin(patches: Patches, places: Floats) -> csr_array:
     return patches.means(places, BODY_KEYS.nearest + BODY_KEYS.spreading * apart)
 
 
+def _keep_parts(form: Form, offsets: Floats, unit: float) -> Floats:
+    """Offsets (n_v, keys, 3) with parts that keep their form."""
+    kept = KeptParts.of(form)
+    if not kept.count or not offsets.size:
+        return offsets
+    of_points, points = offsets[form.first] / unit, kept.points
+    rigid = np.stack(
+        [kept.fit_rigidly(form, form.rest + each)[0] - form.rest[points] for each in of_points.transpose(1, 0, 2)],
+        axis=1,
+    )
+    missing = (rigid - of_points[points]).reshape(len(points), -1)
+    changes = unit * kept.displace(form, missing, form.areas, CONTACT.spread).reshape(of_points.shape)
+    return offsets + np.where((form.number >= 0)[:, None, None], changes[form.number], 0.0)
+
+
 def _pushes(form: Form, offsets: Floats, skin: SidedSurface, keyed: Sequence[SidedSurface]) -> Floats:
     """(n_v, keys, 3) pushes out of the skin for the vertices of a form with offsets (n_v, keys, 3), at unit area."""
-    number, pushes = form.number, np.zeros_like(offsets)
-    first = np.empty(len(form.rest), dtype=np.int64)
-    used = np.flatnonzero(number >= 0)[::-1]
-    first[number[used]] = used
+    number, first, pushes = form.number, form.first, np.zeros_like(offsets)
     moves = np.linalg.norm(offsets[first], axis=2) > CONTACT.settled
     if not moves.any():
         return pushes

@@ -20,7 +20,7 @@ from zoomout_core.geometry.screened_smoothing import ScreenedSmoothing
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.transfer.dressing.body_keys import means_of_skin
-from zoomout_core.transfer.dressing.form import Form, Lines
+from zoomout_core.transfer.dressing.form import Form, Lines, read_masks
 from zoomout_core.transfer.dressing.patches import Patches
 from zoomout_core.transfer.inpaint import MIN_WEIGHT
 from zoomout_core.transfer.rigging.skinning import normalise
@@ -60,6 +60,7 @@ def follow_weights(
     worn: Sequence[Surface | Lines],
     fitted: Sequence[Floats],
     weights: Sequence[csr_array],
+    keep: Sequence[Floats | None] | None = None,
 ) -> tuple[csr_array, ...]:
     """Change the weights of worn objects as the weights of the skin below them change from one body to another.
 
@@ -72,6 +73,8 @@ def follow_weights(
         worn: the objects on the first body.
         fitted: for each (n, 3) its vertices on the second one.
         weights: for each (n, b) its weights, of the same bones as those of both bodies.
+        keep: for each object weights (n,) in [0, 1] of vertices that keep their form, or None, see `dress`. These also
+            keep their skin weights, so that what is stiff stays so in poses.
 
     Returns:
         For each (n, b) its weights, with the same sums.
@@ -83,14 +86,16 @@ def follow_weights(
     ]
     limit = int(np.diff(after.weights.indptr).max(initial=BONES))
     found = []
-    for thing, moved, given in zip(worn, fitted, weights, strict=True):
+    masks = read_masks(worn, keep)
+    for thing, moved, given, mask in zip(worn, fitted, weights, masks, strict=True):
         skins = [
             csr_array(means_of_skin(patches, points / unit) @ of_body)
             for (patches, unit, of_body), points in zip(sides, (thing.vertices, moved), strict=True)
         ]
         agreement = normalise(given).minimum(skins[0]).sum(axis=1)
         change = csr_array(diags_array(agreement) @ (skins[1] - skins[0]))
-        changed = _add(given, _smooth(Form.of(thing, sides[0][1]), change))
+        smoothed = _smooth(Form.of(thing, sides[0][1]), change)
+        changed = _add(given, smoothed if mask is None else csr_array(diags_array(1 - mask) @ smoothed))
         if isinstance(thing, Surface):
             most = int(np.diff(given.indptr).max(initial=limit))
             limit_weights(changed, thing, np.ones(given.shape[1], dtype=bool), most)
@@ -101,15 +106,13 @@ def follow_weights(
 def _smooth(form: Form, change: csr_array) -> csr_array:
     """(n_v, b) changes of weights (n_v, b), averaged over a form; those of unconnected vertices are zero."""
     number = form.number
-    used = np.flatnonzero(number >= 0)[::-1]
-    first = np.zeros(len(form.rest), dtype=np.int64)
-    first[number[used]] = used
+    used = np.flatnonzero(number >= 0)
     columns = np.unique(change.indices)
     smoothing = ScreenedSmoothing.of(form.areas, form.stiffness, BODY_WEIGHTS.smooth)
     smoothed = np.zeros((len(number), len(columns)))
     for start in range(0, len(columns), COLUMNS):
         some = slice(start, start + COLUMNS)
-        smoothed[used, some] = smoothing.smooth(change[first][:, columns[some]].toarray())[number[used]]
+        smoothed[used, some] = smoothing.smooth(change[form.first][:, columns[some]].toarray())[number[used]]
     rows, entries = np.nonzero(np.abs(smoothed) >= MIN_WEIGHT)
     return csr_array((smoothed[rows, entries], (rows, columns[entries])), shape=change.shape)
 

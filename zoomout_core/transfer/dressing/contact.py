@@ -21,6 +21,7 @@ from zoomout_core.maps.surface_map import interpolation_matrix
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_areas, unit_vectors, vertex_normals
 from zoomout_core.transfer.dressing.form import Form
+from zoomout_core.transfer.dressing.kept_parts import KeptParts
 from zoomout_core.tuning import Tuning, tuned
 
 
@@ -204,7 +205,9 @@ class _Side(NamedTuple):
             stacked = np.bincount(of, above) >= CONTACT.over * np.bincount(of, near)
             chosen = above & stacked[of]
         else:
-            chosen = known & (off > -CONTACT.mended) & (off < reach)
+            # A part that keeps its form, such as a sole, also keeps what is in the skin.
+            mended = np.where((probes @ form.keep)[beside] > 0, 0.0, CONTACT.mended)
+            chosen = known & (off > -mended) & (off < reach)
         return cls(beside[chosen], off[chosen], barrier.is_layer)
 
     def only(self, chosen: Booleans) -> _Side:
@@ -242,6 +245,7 @@ class Contact:
         self._form, self._probes = form, probes
         self._sides = [_Side.of(barrier, probes, form) for barrier in barriers]
         self._areas = probes @ (form.areas / np.maximum(probes.sum(axis=0), SMALLEST))
+        self._kept = KeptParts.of(form)
         self._staying = screened_stiffness(form.areas, form.stiffness, CONTACT.spread)
 
     def push_out(
@@ -252,7 +256,7 @@ class Contact:
         margins: Margins,
         moving: Booleans | None = None,
     ) -> tuple[Floats, int]:
-        """Push the form smoothly out of barriers that it was outside of.
+        """Push the form smoothly out of barriers that it was outside of; kept parts are displaced as a whole.
 
         Args:
             positions: (n, 3) its current positions.
@@ -276,12 +280,20 @@ class Contact:
             if not len(which):
                 break
             touched, weights = csr_array(probes[which]), CONTACT.firmness * self._areas[which]
-            free = _around(self._form.rest, np.unique(touched.indices))
-            there = touched[:, free]
-            matrix = csc_array(self._staying[free][:, free] + there.T @ diags_array(weights) @ there)
+            free = self._around(np.unique(touched.indices))
+            motions = self._kept.motions(free)
+            there = touched[:, free] @ motions
+            staying = motions.T @ self._staying[free][:, free] @ motions
+            matrix = csc_array(staying + there.T @ diags_array(weights) @ there)
             loads = there.T @ (weights[:, None] * pushes)
-            positions[free] += factorise(matrix).solve(np.asfortranarray(loads))
+            positions[free] += motions @ factorise(matrix).solve(np.asfortranarray(loads))
         return positions, bounds[0].count_inside(probes @ positions)
+
+    def _around(self, chosen: Integers) -> Integers:
+        """(f,) which points a push at chosen ones reaches, by whole kept parts."""
+        points, whole = self._form.rest, self._kept.with_whole_parts(chosen)
+        distance, _ = cKDTree(points[whole]).query(points, distance_upper_bound=PUSHED * CONTACT.spread)
+        return self._kept.with_whole_parts(np.flatnonzero(np.isfinite(distance)))
 
 
 def push_out_rigidly(
@@ -301,12 +313,6 @@ def push_out_rigidly(
         weights[which] = CONTACT.firmness
         positions = procrustes(places, wanted, weights, scales=(1, 1))(positions)
     return positions, bounds[0].count_inside(probes @ positions)
-
-
-def _around(points: Floats, chosen: Integers) -> Integers:
-    """(f,) which of the points (n, 3) a push at chosen ones reaches."""
-    distance, _ = cKDTree(points[chosen]).query(points, distance_upper_bound=PUSHED * CONTACT.spread)
-    return np.flatnonzero(np.isfinite(distance))
 
 
 def _beside(skin: SidedSurface, positions: Floats, triangles: Integers) -> csr_array:

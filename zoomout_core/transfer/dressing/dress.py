@@ -13,6 +13,8 @@ from dataclasses import dataclass
 from typing import Literal, TypeAlias, get_args
 
 import numpy as np
+from numpy.typing import ArrayLike
+from scipy.sparse import coo_array, csc_array, diags_array
 
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.geometry.procrustes import procrustes
@@ -32,8 +34,9 @@ from zoomout_core.transfer.dressing.contact import (
     push_out_rigidly,
 )
 from zoomout_core.transfer.dressing.following import Following, Motion
-from zoomout_core.transfer.dressing.form import Form, Lines
-from zoomout_core.transfer.dressing.solid_parts import solid_parts, with_solid_parts
+from zoomout_core.transfer.dressing.form import Form, Lines, read_masks
+from zoomout_core.transfer.dressing.kept_parts import KeptParts
+from zoomout_core.transfer.dressing.solid_parts import solid_parts, touching_points, with_solid_parts
 from zoomout_core.transfer.frames import turn_gradients
 from zoomout_core.transfer.rules import Match
 from zoomout_core.transfer.wrapping.wrap import reverse_match, wrap
@@ -45,6 +48,8 @@ Manner: TypeAlias = Literal["automatic", "soft", "rigid"]
 Carried: TypeAlias = Surface | Lines
 # Fractions of the progress: inverting the match, as a share of shaping the body, and shaping the body, of the whole.
 TURNED_ROUND, SHAPED = 0.5, 0.8
+# Stiffness of a link between touching parts: that of an edge between equilateral triangles.
+LINK = 3**-0.5
 # An edge is reported as stretched if it grows by more than this multiple of the body's growth there, and is longer than
 # this at unit area: shorter ones are hardly visible.
 STRETCHED, MIN_LENGTH = 2.0, 0.01
@@ -102,6 +107,7 @@ def dress(
     carried: Sequence[Carried],
     *,
     manners: Sequence[Manner] | None = None,
+    keep: Sequence[ArrayLike | None] | None = None,
     stiffness: float = 0.5,
     gap: float = 0.0,
     progress: Callable[[Progress], object] | None = None,
@@ -114,13 +120,15 @@ def dress(
         target: the body to dress.
         carried: the objects, surfaces and lines, in the source's frame and unit.
         manners: how to fit each; "automatic", when not given.
+        keep: for each object weights (n,) in [0, 1] of vertices that keep their form, such as those of buckles, plates
+            and soles, or None. Each connected patch moves as a whole, with the object's scale.
         stiffness: how far soft objects keep their form, from 0, where they follow every detail of the body, to 1.
         gap: minimum distance from the skin of everything that was outside of it, in the target's unit.
         progress: called with the `Progress`, see `zoomout_core.progress`.
 
     Raises:
         MeshError: the map is of other surfaces, or nothing corresponds.
-        ValueError: a number is out of its range, or there is not a manner for each.
+        ValueError: a number is out of its range, or there is not a manner or a mask for each.
 
     Example:
         >>> dressed = zo.dress(result, source, target, [source])
@@ -128,11 +136,12 @@ def dress(
         1
     """
     _check(carried, manners, stiffness, gap)
+    read_masks(carried, keep)
     with listening(progress):
         with portion(0, SHAPED):
             shape = shape_of_source(result, source, target)
         with portion(SHAPED, 1):
-            return carry(source, shape, target, carried, manners=manners, stiffness=stiffness, gap=gap)
+            return carry(source, shape, target, carried, manners=manners, keep=keep, stiffness=stiffness, gap=gap)
 
 
 def shape_of_source(result: Match | SurfaceMap, source: Surface, target: Surface) -> Floats:
@@ -150,6 +159,7 @@ def carry(
     carried: Sequence[Carried],
     *,
     manners: Sequence[Manner] | None = None,
+    keep: Sequence[ArrayLike | None] | None = None,
     stiffness: float = 0.5,
     gap: float = 0.0,
 ) -> Dressed:
@@ -158,18 +168,19 @@ def carry(
     The skin is the surface, in the new shape, that objects must not enter. The gap is in the unit of the shape.
 
     Raises:
-        ValueError: a number is out of its range, or there is not a manner for each.
+        ValueError: a number is out of its range, or there is not a manner or a mask for each.
     """
     _check(carried, manners, stiffness, gap)
     how: Sequence[Manner] = ["automatic"] * len(carried) if manners is None else manners
+    masks = read_masks(carried, keep)
     fits, stuck = list[_Fit](), 0
     with stage("Dressing"):
         following = Following(body, shape)
         advance(0.1)
         barriers = [Barrier(SidedSurface.of(body, following.unit), SidedSurface.of(skin, following.unit_after))]
         advance(0.2)
-        for number, (each, manner) in enumerate(zip(carried, how, strict=True), start=1):
-            fits.append(_Fit.of(Form.of(each, following.unit), following, manner, stiffness))
+        for number, (each, manner, mask) in enumerate(zip(carried, how, masks, strict=True), start=1):
+            fits.append(_Fit.of(Form.of(each, following.unit, mask), following, manner, stiffness))
             advance(0.2 + 0.3 * number / len(carried))
         margins = margins_with(gap / following.unit_after)
         # From the skin outwards: each layer is a barrier for those above it.
@@ -204,9 +215,19 @@ class _Fit:
         # Near the positions moved by the body, with the rest edges rotated and scaled.
         length = DRESS.softest * (DRESS.stiffest / DRESS.softest) ** stiffness
         pull = form.areas / (1 + (motion.distance / DRESS.near) ** 2)
-        gradients = (turn_gradients(form.stiffness, motion.turns) @ form.rest.ravel()).reshape(-1, 3)
-        moved = ScreenedSmoothing.of(pull, form.stiffness, length).fit(motion.images, gradients)
-        return cls(form, motion, moved, solid_parts(form) if manner == "automatic" else [], False)
+        joined = csc_array(form.stiffness + _links(form))
+        gradients = (turn_gradients(joined, motion.turns) @ form.rest.ravel()).reshape(-1, 3)
+        moved = ScreenedSmoothing.of(pull, joined, length).fit(motion.images, gradients)
+        solid = solid_parts(form) if manner == "automatic" else []
+        kept = KeptParts.of(form)
+        if kept.count:
+            rigid, linear = kept.fit_rigidly(form, moved, float(np.median(motion.growth)))
+            moved = moved + kept.displace(form, rigid - moved[kept.points], pull, length)
+            turns = motion.turns.copy()
+            turns[kept.points] += kept.weights[kept.points, None, None] * (linear - turns[kept.points])
+            motion = motion._replace(turns=turns)
+            solid = [part for part in solid if not form.keep[part].any()]
+        return cls(form, motion, moved, solid, False)
 
     @property
     def soft(self) -> Integers:
@@ -279,6 +300,14 @@ class _Layer:
         corners[inward] = corners[inward, ::-1]
         before, after = (SidedSurface(places, corners, is_part=True) for places in (form.rest, self.fit.positions))
         return Barrier(before, after, is_layer=True)
+
+
+def _links(form: Form) -> csc_array:
+    """(n, n) stiffness of links between touching parts, which keep the strands of a braid together."""
+    first, second = touching_points(form.rest, form.component).T
+    links = coo_array((np.full(len(first), LINK), (first, second)), shape=form.stiffness.shape)
+    weights = csc_array(links + links.T)
+    return csc_array(diags_array(weights.sum(axis=0)) - weights)
 
 
 def _stretched_points(form: Form, motion: Motion, positions: Floats) -> Booleans:

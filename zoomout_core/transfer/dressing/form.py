@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -60,18 +61,30 @@ class Form:
     areas: Floats  # (n,) areas of the points; lengths for lines
     triangles: Integers  # (m, 3) triangles between them; none for lines
     component: Integers  # (n,) the number of each point's connected component
+    keep: Floats  # (n,) how far each point keeps its place in the form around it, in [0, 1]
 
     @classmethod
-    def of(cls, carried: Surface | Lines, unit: float) -> Form:
-        """Make the form of a surface or of lines, in a unit."""
+    def of(cls, carried: Surface | Lines, unit: float, keep: Floats | None = None) -> Form:
+        """Make the form of a surface or of lines, in a unit, with a mask (n_v,) of its vertices; zero if not given."""
         places = carried.vertices / unit
+        mask = np.zeros(len(places)) if keep is None else keep
         if isinstance(carried, Lines):
-            return cls(places, np.arange(len(places)), places, *_of_lines(places, carried.edges))
+            return cls(places, np.arange(len(places)), places, *_of_lines(places, carried.edges), mask)
         working = carried.working
         stiffness, areas = mesh_laplacian(working.vertices, working.triangles)
         rest, areas = working.to_surface(working.vertices) / unit, areas * carried.area / unit**2
         corners, component = working.oriented_triangles, working.component
-        return cls(places, working.vertex_of, rest, csc_array(stiffness), areas, corners, component)
+        number, of_points = working.vertex_of, np.zeros(len(rest))
+        np.maximum.at(of_points, number[number >= 0], mask[number >= 0])
+        return cls(places, number, rest, csc_array(stiffness), areas, corners, component, of_points)
+
+    @property
+    def first(self) -> Integers:
+        """(n,) the first vertex of each point."""
+        vertices = np.empty(len(self.rest), dtype=np.int64)
+        used = np.flatnonzero(self.number >= 0)[::-1]
+        vertices[self.number[used]] = used
+        return vertices
 
     def between(self, chosen: Integers) -> Integers:
         """(m, 3) the triangles between chosen points."""
@@ -92,6 +105,26 @@ class Form:
         rows = np.repeat(np.arange(len(counts)), counts)
         shares = np.repeat([1, 1 / 2, 1 / 3], [len(each) for each in columns])
         return csr_array((shares, (rows, np.concatenate(columns))), shape=(len(counts), n))
+
+
+def read_masks(carried: Sequence[Surface | Lines], keep: Sequence[ArrayLike | None] | None) -> list[Floats | None]:
+    """For each object the weights (n_v,) of its vertices that keep their form; None where there are none.
+
+    Raises:
+        ValueError: there is not one for each object, they are of other lengths, or not in [0, 1].
+    """
+    if keep is None:
+        return [None] * len(carried)
+    if len(keep) != len(carried):
+        raise ValueError(f"keep has {len(keep)} masks: give one, or None, for each of the {len(carried)} objects.")
+    masks = [None if mask is None else np.asarray(mask, dtype=np.float64) for mask in keep]
+    for each, mask in zip(carried, masks, strict=True):
+        if mask is not None and (mask.shape != each.vertices.shape[:1] or not ((mask >= 0) & (mask <= 1)).all()):
+            raise ValueError(
+                f"a mask in keep has the shape {mask.shape}, or numbers out of range: give ({len(each.vertices)},) "
+                "numbers from 0 to 1."
+            )
+    return masks
 
 
 def _of_lines(places: Floats, edges: Integers) -> tuple[csc_array, Floats, Integers, Integers]:

@@ -97,7 +97,13 @@ def _extents(points: Floats, component: Integers) -> Floats:
 
 def _touching(points: Floats, component: Integers, count: int) -> Integers:
     """(c,) numbers of groups of touching components."""
+    pairs = component[touching_points(points, component)]
+    return label_groups(count, pairs[:, 0], pairs[:, 1])
+
+
+def touching_points(points: Floats, component: Integers) -> Integers:
+    """(p, 2) pairs of points (n, 3) of different components (n,) that touch; of each point to some of its nearest."""
     nearest = min(NEAREST, len(points))
     distance, near = (np.asarray(each).ravel() for each in cKDTree(points).query(points, nearest))
-    close = distance < SOLID.touching
-    return label_groups(count, np.repeat(component, nearest)[close], component[near[close]])
+    first = np.repeat(np.arange(len(points)), nearest)
+    return np.column_stack([first, near])[(distance < SOLID.touching) & (component[first] != component[near])]

@@ -1,0 +1,205 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Avatars in files that Blender opens, dressed in what others wear, for `zoomout_core.outfits`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from bpy.types import Context, Object
+from scipy.sparse import csr_array, vstack
+
+import zoomout_core as zo
+from zoomout_core.arrays import Floats
+from zoomout_core.maps.known_match import KnownMatch
+from zoomout_core.messages import warning
+from zoomout_core.outfits.batch import DressedFile
+from zoomout_core.outfits.check import Rigged, check_rigged
+from zoomout_core.outfits.parts import are_of_body
+from zoomout_core.transfer.rigging.skinning import normalise
+
+from .. import mesh_data
+from ..jobs import run
+from ..mesh_data import Bones
+from ..scene.files import BLEND, Brought, keep_as_blend, open_scene, save_scene, shown_meshes
+from ..scene.pair import find_mesh, fingerprint_source, fingerprint_target
+from ..storage import stored_candidates, stored_match
+from .binding import weights_of_bones
+from .dress import Dressing, prepare_dress
+from .matching.collection_match import Parts, prepare_parts
+
+# Extensions of avatar files.
+ENDINGS = (BLEND, ".fbx", ".glb", ".gltf")
+
+
+@dataclass(frozen=True, eq=False)
+class _Avatar:
+    """The visible objects of an open file.
+
+    Attributes:
+        body: surfaces of the parts of the body by the names of their objects.
+        worn: names of the objects that it wears.
+    """
+
+    body: Mapping[str, zo.Surface]
+    worn: Sequence[str]
+
+    @property
+    def joined(self) -> zo.Surface:
+        """The body as one surface, of Blender's triangles."""
+        whole = zo.Surface.joined(list(self.body.values()))
+        return zo.Surface(whole.vertices, whole.triangles)
+
+    @property
+    def largest(self) -> str:
+        """The name of the part of the body with the largest area."""
+        return max(self.body, key=lambda name: self.body[name].area)
+
+
+@dataclass(frozen=True)
+class BlenderFiles:
+    """Avatars in files that Blender opens, and how they are dressed: `zoomout_core.outfits.batch.AvatarFiles`.
+
+    Attributes:
+        context: Blender's; each file replaces the open one.
+        dressing: how they are dressed.
+        body: patterns of the names of objects or materials of bodies; by words in these names, when not given.
+        force: whether to write avatars even if the match is probably wrong.
+        format: extension of the files to write; that of the avatar if empty.
+    """
+
+    context: Context = field(repr=False)
+    dressing: Dressing
+    body: tuple[str, ...] = ()
+    force: bool = False
+    format: str = ""
+
+    def read_body(self, path: Path, wears: bool) -> zo.Surface:
+        """See `AvatarFiles`."""
+        return self._open(path, wears).joined
+
+    def ending(self, avatar: Path) -> str:
+        """See `AvatarFiles`."""
+        return self.format or avatar.suffix.lower()
+
+    def dress(self, outfit: Path, avatar: Path, map_file: Path, output: Path) -> DressedFile:
+        """See `AvatarFiles`."""
+        source = self._open(outfit, True)
+        with keep_as_blend(outfit) as library:
+            target = self._open(avatar, False)
+            brought = Brought(self.context, library, [*source.body, *source.worn])
+        bodies, worn = brought.names[: len(source.body)], brought.names[len(source.body) :]
+        wearer = find_mesh(self.context, target.largest)
+        main = self._store_match(source, bodies, target, map_file)
+        before = _count_bones(wearer)
+        report = run(prepare_dress(self.context, main, wearer.name, worn, self.dressing, force=True))()
+        joints = _count_bones(wearer) - before
+        made = self._check(bodies, list(target.body), wearer, report["objects"])
+        for name in target.body:  # their matches refer to objects of another file
+            stored_match.remove(find_mesh(self.context, name).data)
+            stored_candidates.remove(find_mesh(self.context, name).data)
+        brought.remove(self.context, [*target.body, *report["objects"].values()])
+        save_scene(output, [outfit, avatar])
+        notes = [*report["left_out"].values(), *report["notes"]]
+        if len(target.body) > 1:
+            notes.append(
+                warning(
+                    "The body has {count} objects, and the clothes follow '{name}', the largest one: check those on "
+                    "the others.",
+                    count=len(target.body),
+                    name=wearer.name,
+                )
+            )
+        return made._replace(joints=joints, notes=tuple(notes))
+
+    def _open(self, path: Path, wears: bool) -> _Avatar:
+        """Open a file, and tell its body from what it wears."""
+        if path.suffix.lower() not in ENDINGS:
+            raise zo.MeshError(f"{path} is no avatar that Blender reads: convert it to {', '.join(ENDINGS)}.")
+        open_scene(self.context, path)
+        meshes = shown_meshes(self.context)
+        if not meshes:
+            raise zo.MeshError(f"{path} has no visible mesh with faces: make its body and clothes visible.")
+        found = [find_mesh(self.context, name) for name in meshes]
+        names = [(obj.name, *(slot.material.name for slot in obj.material_slots if slot.material)) for obj in found]
+        of_body = are_of_body(names, self.body, wears=wears)
+        depsgraph = self.context.evaluated_depsgraph_get()
+        body = {
+            obj.name: mesh_data.read_target_surface(obj, depsgraph)
+            for obj, chosen in zip(found, of_body, strict=True)
+            if chosen
+        }
+        if not body:
+            raise zo.MeshError(f"None of the meshes in {path} is named like a body: name those of the body by --body.")
+        curves = [obj.name for obj in self.context.view_layer.objects if obj.type == "CURVES" and obj.visible_get()]
+        return _Avatar(body, [*(name for name in meshes if name not in body), *sorted(curves)])
+
+    def _store_match(self, source: _Avatar, bodies: Sequence[str], target: _Avatar, map_file: Path) -> str:
+        """Store the match of two bodies on the target's objects; returns the source of the largest one."""
+        known = KnownMatch.load(map_file, source.joined, target.joined)
+        sources = Parts.of(
+            [fingerprint_source(self.context, name, at_base=True) for name in bodies], list(source.body.values())
+        )
+        targets = Parts.of([fingerprint_target(self.context, name) for name in target.body], list(target.body.values()))
+        return run(prepare_parts(self.context, sources, targets, known))()[target.largest][0]
+
+    def _check(
+        self, bodies: Sequence[str], target: Sequence[str], wearer: Object, copies: Mapping[str, str]
+    ) -> DressedFile:
+        """Check the copies that a body wears, by the names of their originals."""
+        objects = self.context.scene.objects
+        worn = {original: copy for original, copy in copies.items() if _has_faces(objects[copy])}
+        at_rest = bool(mesh_data.armatures_of(wearer)) and bool(mesh_data.armatures_of(objects[bodies[0]]))
+        before, clothes = (self._upright(names, at_rest) for names in (bodies, list(worn)))
+        bones = mesh_data.read_bones(wearer)
+        cloth, body = (self._rig_of(names, at_rest, bones) for names in (list(worn.values()), target))
+        counts = tuple((name, len(objects[name].data.vertices)) for name in worn.values())
+        checked = check_rigged(before, clothes, cloth, body, _y_up(bones.heads))
+        return DressedFile(checked, (body.surface.triangles, cloth.surface.triangles), counts, 0, ())
+
+    def _rig_of(self, names: Sequence[str], at_rest: bool, bones: Bones) -> Rigged:
+        """The surface of some objects, and how bones move it."""
+        surface = self._upright(names, at_rest)
+        if not bones.names:
+            return Rigged(surface, None, None)
+        return Rigged(surface, bones.parents, _weights([self.context.scene.objects[name] for name in names], bones))
+
+    def _upright(self, names: Sequence[str], at_rest: bool) -> zo.Surface:
+        """The surface of some objects, undeformed or as displayed, with y up."""
+        depsgraph, found = self.context.evaluated_depsgraph_get(), list[zo.Surface]()
+        for name in names:
+            shape = mesh_data.read_worn(self.context.scene.objects[name], depsgraph, at_rest).shape
+            assert isinstance(shape, zo.Surface)
+            found.append(shape.with_vertices(_y_up(shape.vertices)))
+        return zo.Surface.joined(found)
+
+
+def _count_bones(obj: Object) -> int:
+    """The number of bones of an object's armatures."""
+    return sum(len(armature.data.bones) for armature in mesh_data.armatures_of(obj))
+
+
+def _has_faces(obj: Object) -> bool:
+    return obj.type == "MESH" and bool(obj.data.polygons)
+
+
+def _y_up(points: Floats) -> Floats:
+    """Points (n, 3) of Blender, where z is up and characters look along -y, with y up, looking along z."""
+    return points[:, [0, 2, 1]] * [1, 1, -1]
+
+
+def _weights(objects: Sequence[Object], bones: Bones) -> csr_array:
+    """(n, b) weights of bones of all vertices of some objects; without any, those of the parent bone or the root."""
+    found = []
+    for obj in objects:
+        groups = mesh_data.read_weights(obj, obj.data)
+        weights = csr_array((len(obj.data.vertices), len(bones.names)))
+        if set(groups.labels) & set(bones.names):
+            weights = weights_of_bones([groups], bones)
+        parent = bones.names.index(obj.parent_bone) if obj.parent_bone in bones.names else 0
+        lacking = np.flatnonzero(weights.sum(axis=1) == 0)
+        rest = (np.ones(len(lacking)), (lacking, np.full(len(lacking), parent)))
+        found.append(normalise(csr_array(weights + csr_array(rest, shape=weights.shape))))
+    return csr_array(vstack(found, format="csr"))

@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Avatars in glTF and VRM files, for `dress_all`."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from zoomout_core.arrays import Floats
+from zoomout_core.assets.asset import Asset
+from zoomout_core.assets.files import AVATAR, read_asset
+from zoomout_core.assets.gltf.append import append_to_gltf
+from zoomout_core.assets.gltf.compress import compress_gltf
+from zoomout_core.assets.gltf.document import VRM_0
+from zoomout_core.collection.shapes import content_key
+from zoomout_core.maps.known_match import KnownMatch
+from zoomout_core.mesh.formats.opening import file_bytes
+from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.outfits.batch import FITS, DressedFile
+from zoomout_core.outfits.check import check_outfit
+from zoomout_core.outfits.dress_avatar import dress_avatar
+from zoomout_core.outfits.parts import split_avatar
+from zoomout_core.runtime.array_files import ArrayFileError, read_arrays, write_arrays
+from zoomout_core.runtime.outputs import atomic_write
+from zoomout_core.runtime.progress import portion
+from zoomout_core.runtime.version import package_version
+from zoomout_core.transfer.dressing.dress import shape_of_source
+
+# Extensions of avatar files.
+ENDINGS = (".glb", ".gltf", ".vrm")
+# Avatars in VRM 0 look along -z, others along z: degrees between both.
+BACKWARDS = 180.0
+# Fraction of the progress at the end of shaping a body, of dressing an avatar.
+SHAPED = 0.4
+
+
+@dataclass(frozen=True)
+class GltfFiles:
+    """Avatars in glTF and VRM files, and how they are dressed: `AvatarFiles`.
+
+    Attributes:
+        body: patterns of the names of the parts of bodies, see `split_avatar`.
+        keep: patterns of the names of worn parts that keep their form, see `dress_avatar`.
+        stiffness: see `dress`.
+        gap: see `dress`.
+        force: write avatars even if the match is probably wrong.
+        compression: how to compress avatars, see `compress_gltf`; those in VRM are not compressed.
+    """
+
+    body: tuple[str, ...] = ()
+    keep: tuple[str, ...] = ()
+    stiffness: float = 0.5
+    gap: float = 0.0
+    force: bool = False
+    compression: str | None = None
+
+    def read_body(self, path: Path, wears: bool) -> Surface:
+        """See `AvatarFiles`."""
+        return split_avatar(_read(path), self.body, wears=wears).body.surface
+
+    def ending(self, avatar: Path) -> str:
+        """See `AvatarFiles`."""
+        return AVATAR if avatar.suffix.lower() == AVATAR else ENDINGS[0]
+
+    def dress(self, outfit: Path, avatar: Path, map_file: Path, output: Path) -> DressedFile:
+        """See `AvatarFiles`."""
+        source, target = split_avatar(_read(outfit), self.body), _read(avatar)
+        body = split_avatar(target, self.body, wears=False).body
+        assert source.worn is not None
+        assert target.document is not None
+        with portion(0, SHAPED):
+            shape = _shape_of_source(map_file, source.body.surface, body.surface)
+        with portion(SHAPED, 1):
+            made = dress_avatar(
+                shape, source.body, source.worn, body, keep=self.keep, stiffness=self.stiffness, gap=self.gap
+            )
+        with atomic_write(output) as part:
+            left_out = append_to_gltf(target.document, made.joints, made.clothes, part, made.counterparts)
+            if self.compression is not None and output.suffix != AVATAR:
+                compress_gltf(part, self.compression)
+        return DressedFile(
+            check_outfit(source.body.surface, source.worn.surface, made, body),
+            (body.surface.triangles, made.clothes.surface.triangles),
+            made.clothes.objects,
+            len(made.joints),
+            (*made.notes, *left_out),
+            BACKWARDS if VRM_0 in (target.document.gltf.extensions or {}) else 0.0,
+        )
+
+
+def _read(path: Path) -> Asset:
+    """Read an avatar.
+
+    Raises:
+        MeshError: it cannot be read, or is of another format.
+    """
+    if path.suffix.lower() not in ENDINGS:
+        raise MeshError(f"{path} is no glTF or VRM file: export it as one, or run blender --command zoomout outfits.")
+    return read_asset(path)
+
+
+def _shape_of_source(map_file: Path, source: Surface, target: Surface) -> Floats:
+    """(n, 3) the vertices of a body in the shape of another one, computed once for each map, and kept in a file."""
+    place = map_file.parents[2] / FITS / map_file.parent.name / map_file.name
+    key = bytes.fromhex(content_key(repr((file_bytes(map_file), package_version())).encode()))
+    with suppress(FileNotFoundError, ArrayFileError, KeyError):
+        known = read_arrays(place)
+        if known["key"].tobytes() == key and known["shape"].shape == source.vertices.shape:
+            return np.asarray(known["shape"])
+    shape = shape_of_source(KnownMatch.load(map_file, source, target), source, target)
+    place.parent.mkdir(parents=True, exist_ok=True)
+    with atomic_write(place) as part:
+        write_arrays(part, {"key": np.frombuffer(key, np.uint8), "shape": shape})
+    return shape
