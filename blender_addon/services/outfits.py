@@ -14,6 +14,7 @@ from scipy.sparse import csr_array, vstack
 import zoomout_core as zo
 from zoomout_core.arrays import Floats
 from zoomout_core.maps.known_match import KnownMatch
+from zoomout_core.mesh.formats.blender_files import BLEND
 from zoomout_core.messages import warning
 from zoomout_core.outfits.batch import DressedFile
 from zoomout_core.outfits.check import Rigged, check_rigged
@@ -23,7 +24,7 @@ from zoomout_core.transfer.rigging.skinning import normalise
 from .. import mesh_data
 from ..jobs import run
 from ..mesh_data import Bones
-from ..scene.files import BLEND, Brought, keep_as_blend, open_scene, save_scene, shown_meshes
+from ..scene.files import Brought, keep_as_blend, open_scene, save_scene, shown_meshes
 from ..scene.pair import find_mesh, fingerprint_source, fingerprint_target
 from ..storage import stored_candidates, stored_match
 from .binding import weights_of_bones
@@ -119,7 +120,7 @@ class BlenderFiles:
         if path.suffix.lower() not in ENDINGS:
             raise zo.MeshError(f"{path} is no avatar that Blender reads: convert it to {', '.join(ENDINGS)}.")
         open_scene(self.context, path)
-        meshes = shown_meshes(self.context)
+        meshes = shown_meshes(self.context.view_layer.objects)
         if not meshes:
             raise zo.MeshError(f"{path} has no visible mesh with faces: make its body and clothes visible.")
         found = [find_mesh(self.context, name) for name in meshes]
