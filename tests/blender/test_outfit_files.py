@@ -72,7 +72,7 @@ def test_an_avatar_in_a_file_is_dressed(avatars, tmp_path, ending):
     assert made.checked.inside[REST] == 0
     assert np.ptp(made.checked.bodies[REST], axis=0).argmax() == 1  # y is up
     open_scene(bpy.context, output)
-    assert shown_meshes(bpy.context) == ["Body", "Sleeve on Body", "Tail on Body"]
+    assert shown_meshes(bpy.context.view_layer.objects) == ["Body", "Sleeve on Body", "Tail on Body"]
     (armature,) = (obj for obj in bpy.data.objects if obj.type == "ARMATURE")
     assert set(armature.data.bones.keys()) == {*OTHER_NAMES, "Tail.0", "Tail.1"}
     copy = bpy.data.objects["Sleeve on Body"]
