@@ -54,7 +54,14 @@ NOT_SHIPPED = ("demo/*.py",)
 # Texts of `docs` that become pages in the zip, with their pictures.
 DOCUMENTS = ("blender.md", "dress_ja.md", "libraries.md", "options.md", "transfer.md", "whats_new.md")
 # The files that the core's own wheel is built from.
-CORE = ("pyproject.toml", "README.md", "LICENSE", "zoomout_core/**/*.py", "zoomout_core/py.typed")
+CORE = (
+    "pyproject.toml",
+    "README.md",
+    "LICENSE",
+    "zoomout_core/**/*.py",
+    "zoomout_core/**/*.html",
+    "zoomout_core/py.typed",
+)
 
 # A page's template: lines of readable length, in the browser's light or dark colours.
 PAGE = """<!DOCTYPE html>

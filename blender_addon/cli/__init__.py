@@ -46,7 +46,7 @@ RUN = {
 }
 # Commands that read two files.
 OF_FILES = ("carry", "faces")
-# What commands work on that have no source and targets.
+# Commands without a source and targets, and what they work on.
 WITHOUT_PAIRS = {
     "symmetry": "objects",
     "surface": "objects",

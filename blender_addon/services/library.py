@@ -125,7 +125,7 @@ def read_assets(context: Context, path: str) -> dict[str, zo.Surface | str]:
         if name.startswith(COLLECTION) or not in_collections.issuperset(own):
             shown = [find_mesh(context, each) for each in shown_meshes(own)]
             if shown:
-                found[name] = _joined(context, shown)
+                found[name] = _join(context, shown)
     marked = sum(surface.area for surface in found.values() if isinstance(surface, zo.Surface))
     try:
         whole = zo.Surface.joined(list(read_file(context, path, "source").values()))
@@ -136,7 +136,7 @@ def read_assets(context: Context, path: str) -> dict[str, zo.Surface | str]:
     return found if marked > MOSTLY * whole.area else {"": whole, **found}
 
 
-def _joined(context: Context, meshes: Sequence[Object]) -> zo.Surface | str:
+def _join(context: Context, meshes: Sequence[Object]) -> zo.Surface | str:
     """Meshes as one surface, or why they are none."""
     try:
         depsgraph = context.evaluated_depsgraph_get()

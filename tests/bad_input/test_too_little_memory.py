@@ -106,7 +106,7 @@ def test_what_will_not_fit_is_refused_with_the_detail_that_does(
     output = str(meshes[0].parent / ("out.ply" if command == "transfer" else "map.npz"))
     full = memory_need.memory_need([400, 400], 200, None)
     monkeypatch.setattr(memory_need, "free_memory", lambda: full // 2)
-    monkeypatch.setattr(memory_need, "ALWAYS", 0)
+    monkeypatch.setattr(memory_need, "CONSTANT", 0)
     monkeypatch.setattr(memory_need, "PER_VALUE", 100 * memory_need.PER_VALUE)
     arguments = [command, source, *([] if command == "symmetry" else [target])]
     ran = run(main, *arguments, "--detail", "full", "-o", output)

@@ -293,7 +293,7 @@ def test_the_command_carries_a_template_onto_all_and_reports(folder: Path, tmp_p
         (["--transfer"], "choose it with --template"),
         (["--output", __file__], "is a file: name a folder"),
         (["--output", "/no/such/place/out"], "There is no folder"),
-        (["--workers", "2", "--scheduler", "tcp://127.0.0.1:1"], "omit --workers"),
+        (["--workers", "2", "--scheduler", "tcp://127.0.0.1:1"], "leave out --workers"),
     ],
 )
 def test_the_command_refuses_what_does_not_fit_together(

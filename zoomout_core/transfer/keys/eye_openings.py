@@ -12,7 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage
+import scipy
 
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.geometry.oriented_closest_points import surface_samples
@@ -70,8 +70,8 @@ def find_eye_opening(vertices: Floats, triangles: Integers, centre: Floats, head
     if not seen.any():
         return None
     depth = np.where(seen, depth, depth[seen].min() - 2 * DEPTH * head.size)
-    closed = ndimage.grey_closing(depth, (1, round(CLOSING / WINDOW / 2 * PIXELS)))
-    piece, _ = ndimage.label(closed - depth > DEPTH * head.size)
+    closed = scipy.ndimage.grey_closing(depth, (1, round(CLOSING / WINDOW / 2 * PIXELS)))
+    piece, _ = scipy.ndimage.label(closed - depth > DEPTH * head.size)
     border = np.concatenate([piece[[0, -1]].ravel(), piece[:, [0, -1]].ravel()])
     sizes = np.bincount(piece.ravel())
     sizes[np.append(border, 0)] = 0
@@ -82,7 +82,7 @@ def find_eye_opening(vertices: Floats, triangles: Integers, centre: Floats, head
     first, last = opening.argmax(axis=1)[columns], PIXELS - opening[:, ::-1].argmax(axis=1)[columns]
     if (last - first).max() * pixel > MAX_HEIGHT * CLOSING * head.size:
         return None
-    lower, upper = (ndimage.gaussian_filter1d(rim * pixel, SMOOTHING, mode="nearest") for rim in (first, last))
+    lower, upper = (scipy.ndimage.gaussian_filter1d(rim * pixel, SMOOTHING, mode="nearest") for rim in (first, last))
     return EyeOpening(
         across=(columns + 0.5) * pixel - half + origin[0],
         upper=upper - half + origin[1],
@@ -121,4 +121,4 @@ def _depth_image(places: Floats, triangles: Integers, half: float) -> Floats:
     pixels = np.floor((points[:, :2] / half + 1) * PIXELS / 2).astype(np.int64)
     inside = ((pixels >= 0) & (pixels < PIXELS)).all(axis=1)
     np.maximum.at(image, tuple(pixels[inside].T), points[inside, 2] / FLATTENING)
-    return np.asarray(ndimage.maximum_filter(image, 3))  # fills pixels without a sample
+    return np.asarray(scipy.ndimage.maximum_filter(image, 3))  # fills pixels without a sample
