@@ -44,7 +44,7 @@ def parse(command_line: Sequence[str]) -> argparse.Namespace:
     elif options.command == "faces" and not options.sheet.lower().endswith(".png"):
         parser.error("--sheet writes a PNG file: give a name that ends in .png")
     elif options.command == "library" and options.index and len(options.folders) != 1:
-        parser.error("--index is of a single library: give one FOLDER, or leave it out")
+        parser.error("--index works with a single library: give one FOLDER, or leave --index out")
     elif options.command in ("match", "transfer"):
         _check_pair(parser, options)
     return options
@@ -94,7 +94,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_symmetry(commands.add_parser("symmetry", help="find the symmetry of objects, and mirror their data along it"))
     _add_carry(commands.add_parser("carry", help="transfer from the meshes of one file to those of another"))
     _add_faces(commands.add_parser("faces", help="transfer the expression keys of a head, and draw them all"))
-    _add_outfits(commands.add_parser("outfits", help="dress avatars in files in what others wear"))
+    _add_outfits(commands.add_parser("outfits", help="dress avatars in files in the clothes of others"))
     _add_surface(commands.add_parser("surface", help="write the visible meshes of a file as one surface"))
     _add_assets(commands.add_parser("assets", help="write each asset of a file as one surface"))
     _add_library(commands.add_parser("library", help="prepare folders of characters, for Find Source"))
@@ -160,9 +160,9 @@ def _add_faces(parser: argparse.ArgumentParser) -> None:
 def _add_outfits(parser: argparse.ArgumentParser) -> None:
     """Add options of dressing avatars in files."""
     parser.description = (
-        "Dress avatars in what others wear, as the button Dress does. OUTFITS is a file of a body, its clothes and "
-        "their armature, or a folder of them; AVATARS are files or folders of the avatars to dress: .blend, .fbx, .glb "
-        "and .gltf. Each pair of bodies is matched once, and an interrupted run resumes where it stopped. The avatars "
+        "Dress avatars in the clothes of others, as the button Dress does. OUTFITS is a file of a body, its clothes "
+        "and their armature, or a folder of them; AVATARS are files or folders of the avatars to dress: .blend, .fbx, "
+        ".glb and .gltf. Each pair of bodies is matched once, and an interrupted run resumes where it stopped. Avatars "
         "are written to OUT/dressed/AVATAR/OUTFIT in their own format, and OUT/report.html shows them."
     )
     parser.add_argument("outfits", metavar="OUTFITS", type=Path, help="file or folder of dressed avatars")

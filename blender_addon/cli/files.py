@@ -74,7 +74,7 @@ def library(context: Context, options: argparse.Namespace) -> dict[str, Any]:
     """
     folders = options.folders or asset_libraries(context)
     if not folders:
-        raise zo.MeshError("There is no asset library of the Preferences: give the folder of a library.")
+        raise zo.MeshError("The Preferences have no asset library: give the folder of one.")
     entries: dict[str, Any] = {}
     for folder in folders:
         try:
@@ -85,7 +85,7 @@ def library(context: Context, options: argparse.Namespace) -> dict[str, Any]:
         skipped = {str(path): f"{path} was skipped. {sentence}" for path, sentence in prepared.failures.items()}
         entries[folder] = {"assets": prepared.assets, "new": prepared.new, "left_out": skipped}
         if prepared.assets:
-            entries[folder]["done"] = [f"{prepared.assets} assets can be found, {prepared.new} of them new"]
+            entries[folder]["done"] = [f"{prepared.assets} characters, {prepared.new} of them new"]
         else:
             entries[folder]["error"] = f"{folder} contains no character that can be used."
     return entries

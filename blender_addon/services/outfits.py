@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Avatars in files that Blender opens, dressed in what others wear, for `zoomout_core.outfits`."""
+"""Avatars in files that Blender opens, dressed in the clothes of others, for `zoomout_core.outfits`."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from zoomout_core.maps.known_match import KnownMatch
 from zoomout_core.mesh.formats.blender_files import BLEND
 from zoomout_core.messages import warning
 from zoomout_core.outfits.batch import DressedFile
-from zoomout_core.outfits.check import Rigged, check_rigged
+from zoomout_core.outfits.check import RiggedSurface, check_rigged
 from zoomout_core.outfits.parts import are_of_body
 from zoomout_core.transfer.rigging.skinning import normalise
 
@@ -133,7 +133,9 @@ class BlenderFiles:
             if chosen
         }
         if not body:
-            raise zo.MeshError(f"None of the meshes in {path} is named like a body: name those of the body by --body.")
+            raise zo.MeshError(
+                f"None of the meshes in {path} is named like a body: name those of the body with --body."
+            )
         curves = [obj.name for obj in self.context.view_layer.objects if obj.type == "CURVES" and obj.visible_get()]
         return _Avatar(body, [*(name for name in meshes if name not in body), *sorted(curves)])
 
@@ -160,12 +162,14 @@ class BlenderFiles:
         checked = check_rigged(before, clothes, cloth, body, _y_up(bones.heads))
         return DressedFile(checked, (body.surface.triangles, cloth.surface.triangles), counts, 0, ())
 
-    def _rig_of(self, names: Sequence[str], at_rest: bool, bones: Bones) -> Rigged:
+    def _rig_of(self, names: Sequence[str], at_rest: bool, bones: Bones) -> RiggedSurface:
         """The surface of some objects, and how bones move it."""
         surface = self._upright(names, at_rest)
         if not bones.names:
-            return Rigged(surface, None, None)
-        return Rigged(surface, bones.parents, _weights([self.context.scene.objects[name] for name in names], bones))
+            return RiggedSurface(surface, None, None)
+        return RiggedSurface(
+            surface, bones.parents, _weights([self.context.scene.objects[name] for name in names], bones)
+        )
 
     def _upright(self, names: Sequence[str], at_rest: bool) -> zo.Surface:
         """The surface of some objects, undeformed or as displayed, with y up."""

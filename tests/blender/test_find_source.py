@@ -252,10 +252,10 @@ def test_the_command_prepares_libraries(folder, tmp_path, capsys):
     entry = json.loads(report.read_text())["folders"][str(folder)]
     assert (entry["assets"], entry["new"]) == (1, 1)
     said = capsys.readouterr().out
-    assert "1 assets can be found, 1 of them new" in said
+    assert "1 characters, 1 of them new" in said
     assert f"{folder / 'broken.obj'} was skipped. " in said
     (folder / "hero.ply").unlink()
     assert main(["library", str(folder)]) == 1
     assert main(["library"]) == 1
-    assert "There is no asset library of the Preferences" in capsys.readouterr().err
+    assert "The Preferences have no asset library" in capsys.readouterr().err
     assert main(["library", "a", "b", "--index", "c"]) == 2

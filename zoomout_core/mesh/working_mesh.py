@@ -68,7 +68,10 @@ class WorkingMesh:
 
     @cached_property
     def surface_vertex(self) -> Integers:
-        """(n,) a vertex of the surface for each vertex, the last one of several that were welded; not on a hull."""
+        """(n,) a vertex of the surface for each vertex, the last of several that were welded.
+
+        Vertices of a hull, and those that a subdivision adds, have none.
+        """
         used = np.flatnonzero(self.vertex_of >= 0)
         numbers = np.empty(len(self.vertices), dtype=np.int64)
         numbers[self.vertex_of[used]] = used
@@ -126,12 +129,9 @@ class WorkingMesh:
         kept = inside[self.triangles].all(axis=1)
         return replace(self, component=_component(self.vertices, self.triangles[kept])).part(0)
 
-    def subdivide(self, min_vertices: int) -> tuple[WorkingMesh, Integers]:
-        """Subdivide at the middles of edges until there are enough vertices; those of this mesh come first.
-
-        Also returns (n,) a nearest vertex of this mesh for each vertex.
-        """
-        mesh, nearest = self, np.arange(len(self.vertices))
+    def subdivide(self, min_vertices: int) -> WorkingMesh:
+        """Subdivide at the middles of edges until there are enough vertices; those of this mesh come first."""
+        mesh = self
         while len(mesh.vertices) < min_vertices:
             sides = np.sort(np.stack([mesh.triangles, np.roll(mesh.triangles, -1, axis=1)], axis=2), axis=2)
             edges, edge = np.unique(sides.reshape(-1, 2), axis=0, return_inverse=True)
@@ -146,8 +146,7 @@ class WorkingMesh:
                 triangle_of=np.tile(mesh.triangle_of, 4),
                 component=np.concatenate([mesh.component, mesh.component[edges[:, 0]]]),
             )
-            nearest = np.concatenate([nearest, nearest[edges[:, 0]]])
-        return mesh, nearest
+        return mesh
 
     def from_surface(self, points: Floats) -> Floats:
         """(q, 3) points in this mesh's frame, from the surface's frame and unit."""

@@ -41,7 +41,7 @@ MANY_STRETCHED = "{share:.1%} of the edges of the cloth are stretched to more th
 LOOK = "Look at the pictures: it is marked red there."
 
 
-class Rigged(NamedTuple):
+class RiggedSurface(NamedTuple):
     """A surface at rest, and how joints move it."""
 
     surface: Surface
@@ -90,7 +90,7 @@ def check_outfit(source: Surface, worn: Surface, dressed: DressedAvatar, target:
         target: the avatar's body.
     """
     cloth, body = (
-        Rigged(each.surface, *((None, None) if each.skin is None else (each.skin.parents, each.skin.weights)))
+        RiggedSurface(each.surface, *((None, None) if each.skin is None else (each.skin.parents, each.skin.weights)))
         for each in (dressed.clothes, target)
     )
     heads = np.zeros((0, 3))
@@ -99,7 +99,9 @@ def check_outfit(source: Surface, worn: Surface, dressed: DressedAvatar, target:
     return check_rigged(source, worn, cloth, body, heads)
 
 
-def check_rigged(source: Surface, worn: Surface, cloth: Rigged, body: Rigged, heads: Floats) -> CheckedOutfit:
+def check_rigged(
+    source: Surface, worn: Surface, cloth: RiggedSurface, body: RiggedSurface, heads: Floats
+) -> CheckedOutfit:
     """Check clothes on a body.
 
     Args:
@@ -152,7 +154,7 @@ def _pose(name: str, parents: Integers, heads: Floats) -> Floats:
     return pose_of_turns(turns, heads, parents)
 
 
-def _move(rigged: Rigged, transforms: Floats) -> Floats:
+def _move(rigged: RiggedSurface, transforms: Floats) -> Floats:
     """(n, 3) vertices moved by transforms (b, 3, 4) of the first joints, which the others follow."""
     assert rigged.parents is not None
     assert rigged.weights is not None

@@ -140,15 +140,16 @@ def test_energies_are_those_of_the_whole_and_of_the_low_block() -> None:
     assert max(found["low commutativity"], found["low orthonormality"]) < 1e-9
 
 
-def test_of_symmetries_that_are_sure_those_come_first_that_leave_less_alone() -> None:
+def test_certain_symmetries_are_ordered_by_the_area_without_a_partner() -> None:
     surface = grid(10, 2)
 
-    def found(certainty: float, alone: float) -> zo.Symmetry:
+    def symmetry(certainty: float, alone: float) -> zo.Symmetry:
         confidence = np.where(surface.vertices[:, 0] < alone * 2.4 - 1.2, 0.0, 1.0)
         return cast(zo.Symmetry, SimpleNamespace(surface=surface, confidence=confidence, certainty=certainty))
 
-    sure, surer, unsure, unlikely = found(0.985, 0.2), found(0.999, 0.5), found(0.9, 0.0), found(0.3, 0.0)
-    assert sorted([unlikely, surer, unsure, sure], key=_sort_key) == [sure, surer, unsure, unlikely]
+    expected = [symmetry(*each) for each in ((0.985, 0.2), (0.999, 0.5), (0.9, 0.0), (0.3, 0.0))]
+    shuffled = [expected[number] for number in (3, 1, 2, 0)]
+    assert sorted(shuffled, key=_sort_key) == expected
 
 
 # --- layouts ------------------------------------------------------------------------------------------------

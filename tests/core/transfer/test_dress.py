@@ -295,6 +295,16 @@ def test_masked_patches_keep_their_form_and_the_scale_of_the_garment() -> None:
     assert np.std(edge_lengths(kept.vertices[0], rim) / edge_lengths(soft.vertices[0], rim)) < 0.18
 
 
+def test_a_masked_button_has_the_scale_of_its_shirt() -> None:
+    shirt, button = shell(1.03), ball(0.02, centre=(0, 0, 1.055), count=60)
+    both, number = Surface.joined([shirt, button]), len(shirt.vertices)
+    mask = np.where(np.arange(number + len(button.vertices)) < number, 0.0, 1.0)
+    found = carry(BODY, noisy(0.05), EGG, [both], keep=[mask])
+    growth = np.linalg.norm(found.turns[0][np.unique(shirt.triangles)][:, 0], axis=1)
+    scale = procrustes(button.vertices, found.vertices[0][number:]).scale
+    np.testing.assert_allclose(scale, np.median(growth), rtol=0.03)  # which includes the button itself
+
+
 def test_a_half_masked_patch_is_half_as_stiff() -> None:
     shirt = shell(1.03, 800)
     mask = plate(shirt)

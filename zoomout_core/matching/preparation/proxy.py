@@ -118,7 +118,7 @@ def proxy_size(vertices: int, proxy_vertices: ProxyVertices) -> int | None:
 def make_proxy(part: WorkingMesh, count: int | None) -> Proxy:
     """A proxy of a connected mesh: subdivided if it is coarse, decimated to about `count` vertices if that is given."""
     if len(part.vertices) < PROXY.fewest:
-        mesh, _ = part.subdivide(PROXY.fewest)
+        mesh = part.subdivide(PROXY.fewest)
         return Proxy(part, mesh, mesh.vertices, np.arange(len(part.vertices)))
     if count is None or len(part.vertices) <= PROXY.worthwhile * count:
         return Proxy(part, part, part.vertices, np.arange(len(part.vertices)))

@@ -48,7 +48,8 @@ Manner: TypeAlias = Literal["automatic", "soft", "rigid"]
 Carried: TypeAlias = Surface | Lines
 # Fractions of the progress: inverting the match, as a share of shaping the body, and shaping the body, of the whole.
 TURNED_ROUND, SHAPED = 0.5, 0.8
-# Stiffness of a link between touching parts: that of an edge between equilateral triangles.
+# Stiffness of a link between touching points: that of an edge between equilateral triangles; twice that if each of the
+# two is among the nearest of the other.
 LINK = 3**-0.5
 # An edge is reported as stretched if it grows by more than this multiple of the body's growth there, and is longer than
 # this at unit area: shorter ones are hardly visible.

@@ -68,8 +68,9 @@ NORMAL_WEIGHT = 0.2  # distance that counts as much as a unit difference of norm
 COMPATIBLE = 0.3  # smallest cosine between normals of partners
 OUTLIER = 6.0  # scale of robust weights, in medians of the distances
 SOLVED = 1e-3  # share of the first residual at which conjugate gradients end
-# The eyes are around what moves by more than this share of the most in a blink; vertices within this distance, relative
-# to that between the eyes, tell where an eye is on the target.
+# The eyes are around what moves by more than the first share of the most in a blink: lids correspond less well around
+# the mean of all that moves, as in `face_landmarks`. Vertices within the second distance, relative to that between the
+# eyes, tell where an eye is on the target.
 LID, NEAR_EYE = 0.5, 0.25
 MARGIN = 0.1  # around what the keys move: the face is registered along with its surroundings
 # A face of fewer vertices has no details to register, and images farther from the target or from those of the map than

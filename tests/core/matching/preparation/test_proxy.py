@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 import zoomout_core as zo
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.matching.preparation.proxy import PROXY, Proxy, carry, make_proxy
+from zoomout_core.matching.preparation.proxy import PROXY, Proxy, ProxyTuning, carry, make_proxy
 from zoomout_core.mesh.formats.files import read_surface
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_areas
@@ -56,7 +56,7 @@ def test_a_coarse_mesh_is_subdivided_and_its_vertices_stay_in_place() -> None:
 def test_coarse_meshes_match_more_exactly_if_they_are_subdivided() -> None:
     source, target = creature(260, seed=0), creature(200, seed=1, bend=0.6)
     truth, errors = true_vertex(source, target), []
-    for fewest in (12, 400):
+    for fewest in (12, ProxyTuning().fewest):
         zo.forget_shapes()
         with retune(PROXY, fewest=fewest):
             found = zo.match(source.surface, target.surface).surface_map

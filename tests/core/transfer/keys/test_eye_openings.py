@@ -58,8 +58,9 @@ def test_a_closed_eye_has_no_opening(depth: float) -> None:
     assert find_eye_opening(skin(depth=depth), TRIANGLES, np.zeros(3), HEAD) is None
 
 
-def test_an_opening_that_is_too_high_to_be_closed_is_not_found_in_part() -> None:
-    assert find_eye_opening(skin(0.25, 0.2), TRIANGLES, np.zeros(3), HEAD) is None
+@pytest.mark.parametrize("height", [0.14, 0.2])
+def test_an_opening_that_is_too_high_to_be_closed_is_not_found_in_part(height: float) -> None:
+    assert find_eye_opening(skin(0.25, height), TRIANGLES, np.zeros(3), HEAD) is None
 
 
 def test_there_is_no_opening_where_there_is_no_surface() -> None:
