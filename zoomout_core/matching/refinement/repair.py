@@ -70,6 +70,8 @@ class RepairTuning(Tuning, set_by="everywhere"):
     # Rounds of filling, as long as something is torn. Between a knight and a heavy man, .60 % of the edges are torn
     # after one, .27 % after two, .24 % after three, and .22 % after five.
     rounds: int = tuned(3, "rounds", 1, 100)
+    # Longest edge to a vertex that is filled in along with torn ones: on coarse meshes the next vertex is far away.
+    around: float = tuned(0.05, "at unit area", 0, 10)
     rings: int = tuned(4, "edges", 1, 100)  # distance around a patch that its motion is fitted to
     max_scale: float = tuned(2.0, "1", 1, 100)  # of a patch
     geodesic_weight: float = tuned(0.3, "1", 0, 10)  # the distance that counts as much as a unit of geodesic distance
@@ -296,7 +298,7 @@ def _to_fill(meshes: _Meshes, torn: Booleans) -> Booleans:
     edges, areas, component = meshes.edges, meshes.areas, meshes.target.component
     chosen = _connected_share(meshes, torn) < REPAIR.small_patch
     chosen[edges[torn]] = True
-    chosen[edges[chosen[edges].any(axis=1)]] = True
+    chosen[edges[chosen[edges].any(axis=1) & (meshes.length < REPAIR.around)]] = True
     whole = np.bincount(component, areas * ~chosen)[component]
     component_area = np.bincount(component, areas)[component]
     return np.asarray(chosen & (whole > REPAIR.min_trusted * component_area))

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from creatures import LIMBS, Creature, mirrored_vertex, on_limb, true_vertex
+from creatures import LIMBS, Creature, creature, mirrored_vertex, on_limb, true_vertex
 from scipy.spatial import cKDTree
 
 import zoomout_core as zo
@@ -16,6 +16,7 @@ from zoomout_core.matching.preparation.analysis import analyse
 from zoomout_core.matching.refinement import repair as repair_module
 from zoomout_core.matching.refinement.repair import REPAIR, Repair, _choose_images, _Images, repair
 from zoomout_core.mesh.triangles import unique_edges
+from zoomout_core.tuning import retune
 
 # Accepted mean error of filled places at unit area: a few edges.
 NEAR = 0.08
@@ -75,6 +76,17 @@ def test_single_vertices_that_are_flung_far_off_are_filled_in(pair, truth) -> No
     far = np.full(len(flung), int(np.argmax(pair.source.vertices[:, 2])))
     found = repair(pair, send(truth, flung, far, pair))
     assert misses(pair, found.surface_map, truth, flung).mean() < NEAR
+
+
+def test_filling_does_not_spread_along_the_long_edges_of_a_coarse_mesh() -> None:
+    made = creature(300, seed=0).surface
+    shape = analyse(made.working, 40, 200, 0)
+    pair, identity = Pair(made, made, shape, shape, 40, 5), zo.SurfaceMap.from_vertices(np.arange(300), made)
+    torn = send(identity, np.array([0]), shape.sampled.samples[[np.argmax(shape.distances[:, 0])]], pair)
+    filled = [int(repair(pair, torn).filled.sum())]
+    with retune(REPAIR, around=1.0):
+        filled.append(int(repair(pair, torn).filled.sum()))
+    assert 0 < filled[0] < filled[1]
 
 
 @pytest.mark.parametrize("first", [2, REPAIR.candidates])
