@@ -404,7 +404,7 @@ def _carry(match: stored_match.Match, fitting: _Fitting, dressing: Dressing) -> 
 
 
 def _move_bones(fit: _Fit, fitting: _Fitting, rigs: _Rigs, body: zo.Surface, shape: Floats) -> _Fit:
-    """Move the outfit's own bones along with the objects, and find the counterparts of all others."""
+    """Move the outfit's own bones along with the objects, and find the partners of all others."""
     outfit = rigs.outfit
     ends, upright = outfit.ends.copy(), outfit.upright.copy()
     for number, worn in enumerate(fitting.worn):
@@ -529,7 +529,7 @@ def _notes_on_bones(outfit: OutfitBones, pairs: dict[str, str], armature: str) -
     missing = [name for name in outfit.of_body if name not in pairs]
     if missing:
         yield warning(
-            "{count} bones that move the objects have no counterpart in '{armature}', such as '{bone}': assign their "
+            "{count} bones that move the objects have no partner in '{armature}', such as '{bone}': assign their "
             "weights to other bones.",
             count=len(missing),
             armature=armature,

@@ -32,6 +32,7 @@ HABITS = tuple(
         r"\bthere is none\b",
         r"\bstands? (there|alike|in the way)\b",
         r"\bfor it is\b|\bas (it|they) stands?\b",
+        r"\b[Cc]ounterpart",  # the word is "partner"
     )
 )
 # Those of docstrings and comments, which may have the others.
@@ -47,6 +48,7 @@ CODE_HABITS = tuple(
         r"\b(is|are|was|were) (said|told)\b",
         r"\bkeeps? (its|their) word\b",
         r"\bas good as none\b",
+        r"\b[Cc]ounterpart",
     )
 )
 HASH = re.compile("#.*")

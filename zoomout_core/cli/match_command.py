@@ -70,7 +70,7 @@ def match(
     Either may be a point cloud.
 
     Writes one .npz file with triangle, barycentric, vertex, confidence and functional_map, and with has_partner and
-    source_has_partner: which vertices of TARGET and of SOURCE have a counterpart. With --initial nearest, for clothes
+    source_has_partner: which vertices of TARGET and of SOURCE have a partner. With --initial nearest, for clothes
     on a body, each vertex maps to its nearest point, with a confidence of one or zero, and nothing else is written.
 
     With --first-look, programs can show the map while it is refined: that file has some vertices of TARGET ("target")

@@ -27,7 +27,7 @@ from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 from zoomout_core.matching.preparation.memory_need import check_memory
 from zoomout_core.matching.ranking.rank import Candidate, rank
-from zoomout_core.matching.refinement.confidence import Counterparts, confidence_of
+from zoomout_core.matching.refinement.confidence import Partners, confidence_of
 from zoomout_core.matching.refinement.dense_map import bend_onto_source
 from zoomout_core.matching.refinement.refine import REFINEMENT, refine
 from zoomout_core.matching.registration.nonrigid_icp import Fit
@@ -230,7 +230,7 @@ def _finish(
     if order == 2:
         fit = replace(fit, surface_map=involution(fit.surface_map, shape))
     everywhere = np.ones(len(confidence), dtype=bool)
-    surface_map, confidence, _, placed, notes = lift(pair, fit, confidence, Counterparts(everywhere, everywhere))
+    surface_map, confidence, _, placed, notes = lift(pair, fit, confidence, Partners(everywhere, everywhere))
     distance = np.zeros(len(surface.vertices))
     on_mesh = signed_distance(fit.surface_map, shape) if reverses and order == 2 else None
     if on_mesh is not None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Match characters of several objects, such as body, eyes and clothes, to their counterparts in another collection.
+"""Match characters of several objects, such as body, eyes and clothes, to their partners in another collection.
 
 All objects of a collection are matched as one surface, whose parts the core pairs. Then each target stores the match
 with the one or several sources that it maps to, as if these had been matched alone.
@@ -49,7 +49,7 @@ MATCHING = 0.95
 NEARLY_ALL = 0.95
 # Otherwise, every source with at least this fraction of the area is a source of the target.
 SMALLEST_SHARE = 0.005
-# Vertices that map to the counterpart of another target are projected onto the counterpart of their own, up to this
+# Vertices that map to the partner of another target are projected onto the partner of their own, up to this
 # distance over the square root of the sources' area.
 NEAR = 0.02
 # Weight of a vertex with a confidence of 0.
@@ -93,7 +93,7 @@ class Parts:
 def match_collections(
     context: Context, source: Collection, target: Collection, **options: Any
 ) -> dict[str, tuple[str, StoredMatch]]:
-    """Match the meshes of two collections, and store the match with its counterpart on each target.
+    """Match the meshes of two collections, and store the match with its partner on each target.
 
     Args:
         context: Blender's; the objects are in its scene.
@@ -340,7 +340,7 @@ def _target_map(result: zo.MatchResult | KnownMatch, sources: Parts, targets: Pa
 def _move_to_namesake(own: _TargetMap, sources: Parts, number: int, namesakes: Pairs) -> _TargetMap:
     """Project a target's map onto the source whose name matches the target's, where that is within `NEAR`.
 
-    Only vertices that map to the counterpart of another target are moved, such as those of boots that map to trousers.
+    Only vertices that map to the partner of another target are moved, such as those of boots that map to trousers.
     """
     namesake = next((j for j, i in namesakes if i == number), None)
     misplaced = np.flatnonzero(np.isin(own.owner, [j for j, i in namesakes if i != number]))

@@ -28,7 +28,7 @@ from zoomout_core.matching.preparation.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.preparation.proxy import proxy_size
 from zoomout_core.matching.ranking.rank import Candidate
 from zoomout_core.matching.refinement import dense_map
-from zoomout_core.matching.refinement.confidence import Counterparts
+from zoomout_core.matching.refinement.confidence import Partners
 from zoomout_core.matching.registration.nonrigid_icp import Fit
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.runtime.progress import Progress, advance, stage
@@ -107,7 +107,7 @@ def test_progress_of_bending_follows_that_of_refining(result: zo.MatchResult, mo
     monkeypatch.setattr(dense_map, "refine", refining)
     monkeypatch.setattr(dense_map, "fit_nonrigid", bending)
     monkeypatch.setattr(dense_map, "confidence_of", lambda *_: (np.ones(240), 0.0))
-    monkeypatch.setattr(dense_map, "counterparts_by_cycle", lambda *_: None)
+    monkeypatch.setattr(dense_map, "partners_by_cycle", lambda *_: None)
     fractions = fractions_of(lambda: dense_map.dense_map(result.pair, result.candidates[0]))
     assert fractions == sorted(fractions)
     # The map is refined and then bent; the reverse map is only refined.
@@ -158,8 +158,8 @@ def test_of_a_sure_map_nothing_is_said_of_its_probability(result: zo.MatchResult
     [
         (0.03, 0.02, 0.02, ()),
         (0.1, 0.02, 0.02, ("flips 10% of the target",)),
-        (0.03, 0.1, 0.02, ("of the target has no counterpart on the source",)),
-        (0.03, 0.02, 0.1, ("of the source has no counterpart on the target",)),
+        (0.03, 0.1, 0.02, ("of the target has no partner on the source",)),
+        (0.03, 0.02, 0.1, ("of the source has no partner on the target",)),
     ],
 )
 def test_what_is_turned_over_or_without_a_partner_is_said_where_it_is_much(
@@ -169,9 +169,9 @@ def test_what_is_turned_over_or_without_a_partner_is_said_where_it_is_much(
         return np.cumsum(shape.basis.areas) > share
 
     shapes = result.pair.source_shape, result.pair.target_shape
-    counterparts = Counterparts(lonely(shapes[1], of_target), lonely(shapes[0], of_source))
+    partners = Partners(lonely(shapes[1], of_target), lonely(shapes[0], of_source))
     monkeypatch.setattr(dense_map, "confidence_of", lambda *_: (np.ones(240), over))
-    monkeypatch.setattr(dense_map, "counterparts_by_cycle", lambda *_: counterparts)
+    monkeypatch.setattr(dense_map, "partners_by_cycle", lambda *_: partners)
     notes = notes_of(result, 0.97)
     assert len(notes) == len(words)
     assert all(some in note for some, note in zip(words, notes, strict=True))

@@ -13,7 +13,7 @@ from creatures import creature
 
 import zoomout_core as zo
 from zoomout_core.matching.components.lift import LiftedMap
-from zoomout_core.matching.refinement.confidence import Counterparts
+from zoomout_core.matching.refinement.confidence import Partners
 from zoomout_core.matching.refinement.repair import Repair
 from zoomout_core.matching.report.verdict import VERDICT
 from zoomout_core.runtime.array_files import read_arrays
@@ -103,7 +103,7 @@ def test_certainty_decreases_with_loose_parts_of_unknown_place(
     doubted = LiftedMap(
         found.surface_map,
         np.where(loose, confidence, 0.9),
-        Counterparts(found.has_partner, found.source_has_partner),
+        Partners(found.has_partner, found.source_has_partner),
         1.0,
         (),
     )

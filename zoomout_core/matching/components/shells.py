@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Extend the map between two hulls to the shells inside them.
 
-The hulls' map moves all shells. A shell of the target with a counterpart on the source is registered to it by a
+The hulls' map moves all shells. A shell of the target with a partner on the source is registered to it by a
 similarity; all others map to the nearest points of the source, outer parts to outer parts.
 
 Lengths are at unit area of the hull.
@@ -30,7 +30,7 @@ from zoomout_core.matching.components.similarity_field import SimilarityField
 from zoomout_core.matching.constraints import PINNING_WIDTH
 from zoomout_core.matching.pair import Pair, landmark_points
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
-from zoomout_core.matching.refinement.confidence import Counterparts
+from zoomout_core.matching.refinement.confidence import Partners
 from zoomout_core.matching.registration.nonrigid_icp import Fit, replace_images
 from zoomout_core.mesh.triangles import unique_edges
 from zoomout_core.tuning import Tuning, tuned
@@ -70,9 +70,9 @@ class ShellTuning(Tuning, set_by="characters"):
     # goes along with its surroundings, while the map may have exchanged the toes of a foot.
     unsure: float = tuned(0.3, "1", 0, 1)
     half_distance: float = tuned(0.045, "at unit area", 1e-6, 1)  # off the hulls' map that halves the confidence
-    flush: float = tuned(0.015, "at unit area", 0, 1)  # a shell lies on its counterpart if half of it is nearer
-    # Vertices farther from their shell's counterpart keep their image by the body's map. Below 0.15, parts of robots of
-    # other builds lose their counterparts.
+    flush: float = tuned(0.015, "at unit area", 0, 1)  # a shell lies on its partner if half of it is nearer
+    # Vertices farther from their shell's partner keep their image by the body's map. Below 0.15, parts of robots of
+    # other builds lose their partners.
     beside: float = tuned(0.2, "at unit area", 0, 1)
     faded: float = tuned(0.01, "1", 0, 1)  # vertices stay that a landmark moves by less of its own motion
     full_trust: float = tuned(0.9, "1", 0, 1)  # confidence in a pair whose edges keep their lengths
@@ -97,14 +97,14 @@ class ShellMap:
 
     surface_map: SurfaceMap  # between the working meshes
     confidence: Floats  # (n,) of the target's working vertices
-    counterparts: Counterparts  # which vertices of the working meshes have a counterpart
-    paired: int  # number of the target's shells that are registered to their counterparts
+    partners: Partners  # which vertices of the working meshes have a partner
+    paired: int  # number of the target's shells that are registered to their partners
     alone: float  # the part of the target's area that is far from the source after the motion
     in_place: bool  # whether the two surfaces overlap, and are not moved
 
 
-def map_shells(pair: Pair, fit: Fit, confidence: Floats, of_hulls: Counterparts) -> ShellMap:
-    """Map the shells of two surfaces, given the map between their hulls, its confidence (n,) and its counterparts."""
+def map_shells(pair: Pair, fit: Fit, confidence: Floats, of_hulls: Partners) -> ShellMap:
+    """Map the shells of two surfaces, given the map between their hulls, its confidence (n,) and its partners."""
     source = Side.of(pair.source, pair.source_shape.proxy.full)
     target = Side.of(pair.target, pair.target_shape.proxy.full)
     motion, in_place = _motion(pair, fit, confidence)
@@ -118,19 +118,19 @@ def map_shells(pair: Pair, fit: Fit, confidence: Floats, of_hulls: Counterparts)
     _move_to_parts(image, points, normals, of_target, among, source, target, motion, in_place)
     trust = np.clip(around, 0, 1) / (1 + (image.distance / SHELLS.half_distance) ** 2)
     ours, theirs = target.parts(points), source.parts(source.points)
-    has_partner = _find_counterparts(pair, points, image.distance, source, target, None if in_place else of_hulls)
-    counterparts: list[tuple[int, int]] = []
+    has_partner = _find_partners(pair, points, image.distance, source, target, None if in_place else of_hulls)
+    partners: list[tuple[int, int]] = []
     motions: list[Similarities] = []
-    # The only shell of a surface is a whole body, and cannot be the counterpart of a piece.
+    # The only shell of a surface is a whole body, and cannot be the partner of a piece.
     if min(len(ours), len(theirs)) > 1:
         most = MAX_PAIRED_PARTS
-        counterparts, motions = _pair_shells(pair, motion, ours[:most], theirs[:most], source, target)
-    if counterparts:
+        partners, motions = _pair_shells(pair, motion, ours[:most], theirs[:most], source, target)
+    if partners:
         mesh, component = source.mesh, source.mesh.component[source.mesh.triangles[:, 0]]
         shells = OrientedSurface(source.points, mesh.triangles, mesh.flipped, SHELLS.normal_weight, component)
-    for (i, j), similarity in zip(counterparts, motions, strict=True):
+    for (i, j), similarity in zip(partners, motions, strict=True):
         part = ours[i]
-        onto, stretch = _onto_counterpart(part, j, similarity, motion.scale, in_place, normals, shells, source, target)
+        onto, stretch = _onto_partner(part, j, similarity, motion.scale, in_place, normals, shells, source, target)
         on = onto.distance < np.maximum(SHELLS.beside, image.distance[part.vertices])
         vertices = part.vertices[on]
         image.triangle[vertices], image.barycentric[vertices] = onto.triangle[on], onto.barycentric[on]
@@ -141,21 +141,21 @@ def map_shells(pair: Pair, fit: Fit, confidence: Floats, of_hulls: Counterparts)
     if pair.exact_landmarks is not None:
         surface_map = _pin(surface_map, landmark_points(pair, pair.exact_landmarks), source, target, pair)
     alone = float(target.areas[image.distance > SHELLS.half_distance].sum() / target.areas.sum())
-    return ShellMap(surface_map, trust, has_partner, len(counterparts), alone, in_place)
+    return ShellMap(surface_map, trust, has_partner, len(partners), alone, in_place)
 
 
-def _find_counterparts(
-    pair: Pair, points: Floats, distance: Floats, source: Side, target: Side, of_hulls: Counterparts | None
-) -> Counterparts:
+def _find_partners(
+    pair: Pair, points: Floats, distance: Floats, source: Side, target: Side, of_hulls: Partners | None
+) -> Partners:
     """Which vertices of the working meshes are near the other surface after the target is moved to `points` (n, 3).
 
     `distance` (n,) is that from there to the images on the source. If the hulls move the target, vertices near a place
-    of a hull without a counterpart, by `of_hulls`, have none either.
+    of a hull without a partner, by `of_hulls`, have none either.
     """
     on_target = closest_points(source.points, points, target.mesh.triangles, APART_TOLERANCE)
     nearest = SurfaceMap(*on_target, target.mesh.triangles)
     apart = np.linalg.norm(nearest.interpolate(points) - source.points, axis=1)
-    near = Counterparts(distance <= SHELLS.half_distance, apart <= SHELLS.half_distance)
+    near = Partners(distance <= SHELLS.half_distance, apart <= SHELLS.half_distance)
     if of_hulls is None:
         return near
     for side, shape, on_hull, found in (
@@ -167,7 +167,7 @@ def _find_counterparts(
 
 
 def _pin(between: SurfaceMap, landmarks: tuple[Floats, Floats], source: Side, target: Side, pair: Pair) -> SurfaceMap:
-    """Deform a map between working meshes so that each landmark lands on its counterpart.
+    """Deform a map between working meshes so that each landmark lands on its partner.
 
     The displacements decay with a Gaussian of the distance on the target. Landmarks are places (m, 3) of the source and
     (m, 3) of the target, in the surfaces' frames and units.
@@ -368,18 +368,18 @@ def _pair_shells(
     return chosen, [found[number[a, b] : number[a, b] + 1] for a, b in chosen]
 
 
-def _onto_counterpart(
+def _onto_partner(
     part: Part,  # of the target, its points where the body's map moves them
-    counterpart: int,  # number of its counterpart
+    partner: int,  # number of its partner
     similarity: Similarities,  # that registers the one with the other
     scale: float,  # of the body against the source's, by which lengths should change
-    stays: bool,  # whether the body stays in place, and with it a shell that lies on its counterpart there
+    stays: bool,  # whether the body stays in place, and with it a shell that lies on its partner there
     normals: Floats,  # (n, 3) of all vertices of the target, where the body's map turns them
     shells: OrientedSurface,  # of the source
     source: Side,  # that they are shells of
     target: Side,  # that the part is of
 ) -> tuple[_Image, float]:
-    """A shell's image on its counterpart by the better of two motions, and the relative change of edge lengths.
+    """A shell's image on its partner by the better of two motions, and the relative change of edge lengths.
 
     Rigid shells are placed by the similarity, others by the body's map.
     """
@@ -389,7 +389,7 @@ def _onto_counterpart(
     lengths = scale * np.linalg.norm(rest[edges[:, 0]] - rest[edges[:, 1]], axis=1)
     tried = []
     for places, facing in ((part.points, normals[part.vertices]), (similarity(rest[None])[0], turned)):
-        image = _Image(*shells.closest(places, facing, np.full(len(rest), counterpart)))
+        image = _Image(*shells.closest(places, facing, np.full(len(rest), partner)))
         corners = source.points[source.mesh.triangles[image.triangle]]
         on = np.einsum("nc,ncx->nx", image.barycentric, corners)
         change = np.abs(np.linalg.norm(on[edges[:, 0]] - on[edges[:, 1]], axis=1) - lengths)

@@ -248,7 +248,7 @@ def cheapest_pairings(single: Floats, mutual: Floats, size: int) -> tuple[Intege
     """Pairings of some elements of two sets, by rising cost; a beam search, exact where the sets are small.
 
     The cost of `size` pairs is the mean of their costs `single` (a, b), plus the mean of `mutual` (a, b, a, b) over
-    each two of them. Returns (p, size) elements of the first set, in rising order, and (p, size) their counterparts.
+    each two of them. Returns (p, size) elements of the first set, in rising order, and (p, size) their partners.
     """
     a, b = single.shape
     width = EXTREMITIES.beam // (a * b)

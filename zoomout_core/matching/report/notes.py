@@ -11,7 +11,7 @@ from zoomout_core.arrays import Floats
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.ranking.rank import Candidate
 from zoomout_core.matching.ranking.rotational_symmetry import certainty_but_for_turns, likely_turns
-from zoomout_core.matching.refinement.confidence import Counterparts
+from zoomout_core.matching.refinement.confidence import Partners
 from zoomout_core.matching.report.verdict import Verdict
 from zoomout_core.mesh.surface import PointCloud, Surface
 from zoomout_core.messages import message, probability, warning
@@ -38,13 +38,13 @@ MISSED_LANDMARKS = (
     "The map contradicts {count} of the {total} landmarks: check that each pair is the same place on both shapes, with "
     "the source first."
 )
-TARGET_ALONE = "About {share:.0%} of the target has no counterpart on the source: its vertices are doubtful there."
-SOURCE_ALONE = "About {share:.0%} of the source has no counterpart on the target: nothing was matched to it."
+TARGET_ALONE = "About {share:.0%} of the target has no partner on the source: its vertices are doubtful there."
+SOURCE_ALONE = "About {share:.0%} of the source has no partner on the target: nothing was matched to it."
 
 # Certainty (probability) below which a map is reported as unsure, and below which the shapes count as not recognised.
 SURE_CERTAINTY = 0.9
 RECOGNISED_CERTAINTY = 0.1
-# Shares of a surface's area that are reported if larger: folded over by the map, or without a counterpart.
+# Shares of a surface's area that are reported if larger: folded over by the map, or without a partner.
 MAX_FOLDED_SHARE = 0.05
 MAX_UNMATCHED_SHARE = 0.03
 # Distance of a map from a landmark, at unit area, from which on it contradicts it: about a forearm of a human.
@@ -114,7 +114,7 @@ def _notes_on_broken_vertices(role: str, surface: Surface) -> tuple[str, ...]:
 def notes_on_map(candidates: Sequence[Candidate], chosen: int, placed: float, folded: float) -> tuple[str, ...]:
     """Notes on doubts about a map as a whole, the chosen one of all candidates.
 
-    A part `placed` of the target's area has a counterpart, and the map flips a part `folded` of it.
+    A part `placed` of the target's area has a partner, and the map flips a part `folded` of it.
     """
     notes: tuple[str, ...] = (warning(FOLDED, share=folded),) if folded > MAX_FOLDED_SHARE else ()
     certainty = candidates[chosen].certainty * placed
@@ -133,8 +133,8 @@ def notes_on_landmarks(errors: Floats) -> tuple[str, ...]:
     return (warning(MISSED_LANDMARKS, count=count, total=len(errors)),) if count else ()
 
 
-def notes_on_rest(pair: Pair, counterparts: Counterparts) -> tuple[str, ...]:
+def notes_on_rest(pair: Pair, partners: Partners) -> tuple[str, ...]:
     """Notes on parts that only one of the two surfaces has."""
-    rests = (TARGET_ALONE, pair.target, counterparts.target), (SOURCE_ALONE, pair.source, counterparts.source)
+    rests = (TARGET_ALONE, pair.target, partners.target), (SOURCE_ALONE, pair.source, partners.source)
     shares = ((text, surface.share_of_area(~has_partner)) for text, surface, has_partner in rests)
     return tuple(warning(text, share=share) for text, share in shares if share > MAX_UNMATCHED_SHARE)

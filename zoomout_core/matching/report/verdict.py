@@ -31,7 +31,7 @@ SILENT = (
 )
 MIRRORED = "This match is a mirror image: it maps left to right."
 DOUBTFUL = "{share:.0%} of the target is doubtful."
-ALONE = "{share:.0%} of the target has no counterpart on the source."
+ALONE = "{share:.0%} of the target has no partner on the source."
 TRY_CANDIDATES = "Compare the other candidates, or add a few landmarks and match again."
 LOOK_AT_SIDES = "Check whether sides are swapped; if so, choose another candidate or add landmarks."
 LOOK_AT_TORN = "Look at the torn vertices, and add landmarks around them."
@@ -59,7 +59,7 @@ class VerdictTuning(Tuning, set_by="everywhere"):
     shattered: float = tuned(0.2, "1", 0, 1)  # the part from which on a map is red
     silent: float = tuned(0.001, "1", 0, 1)  # part of the outside on parts that do not arrive, of an amber map
     doubtful: float = tuned(0.5, "1", 0, 1)  # largest part of the target's area of low confidence of a green map
-    alone: float = tuned(0.1, "1", 0, 1)  # largest part of the target's area without a counterpart of a green map
+    alone: float = tuned(0.1, "1", 0, 1)  # largest part of the target's area without a partner of a green map
     arrived: float = tuned(0.25, "1", 0, 1)  # of its visible share that a part of the source must have on the target
     # The same, if what arrives counts by its confidence. On characters of many parts, maps that are wrong there but
     # otherwise green have parts of .11 and .16; right ones have .13 once, and at least .24 else.
@@ -100,7 +100,7 @@ class Faults(NamedTuple):
         torn: the part of the target's area at torn edges.
         silent: the part of the source's outside on parts from which the target receives almost nothing certain.
         doubtful: the part of the target's area of low confidence. Faces and hands have most of the vertices of a body.
-        alone: the part of the target's area without a counterpart.
+        alone: the part of the target's area without a partner.
         mirrored: the map reverses the orientation.
         unplaced: the part of the target's area without a known place, by which the certainty is lower.
     """

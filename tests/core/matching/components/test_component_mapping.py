@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Loose parts map to counterparts, to pieces or wholes in their place, or to nothing, and are counted as such."""
+"""Loose parts map to partners, to pieces or wholes in their place, or to nothing, and are counted as such."""
 
 from __future__ import annotations
 
@@ -166,8 +166,8 @@ def test_layers_keep_apart_whichever_way_an_open_part_is_wound(flip: bool) -> No
 
 
 def test_a_small_part_takes_its_partners_centre_and_size_and_a_large_one_stays() -> None:
-    small, counterpart = part_of(ball(0.02)), part_of(ball(0.03, (0.02, 0, 0)))
-    np.testing.assert_allclose(_correct_towards(small, counterpart), counterpart.points, atol=1e-9)
+    small, partner = part_of(ball(0.02)), part_of(ball(0.03, (0.02, 0, 0)))
+    np.testing.assert_allclose(_correct_towards(small, partner), partner.points, atol=1e-9)
     large = part_of(ball(0.2))
     np.testing.assert_array_equal(_correct_towards(large, part_of(ball(0.25))), large.points)
 

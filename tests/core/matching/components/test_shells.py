@@ -64,7 +64,7 @@ def test_every_shell_finds_its_like_in_another_pose(stepped, at_rest: Mannequin,
     assert missed(stepped, at_rest, stepping).mean() < 0.015
     assert stepped.certainty > 0.9
     assert stepped.confidence.mean() > 0.7
-    assert any("14 of 14 parts matched to their counterparts" in note for note in stepped.notes)
+    assert any("14 of 14 parts matched to their partners" in note for note in stepped.notes)
 
 
 @pytest.mark.slow
@@ -95,7 +95,7 @@ def test_what_a_partner_lacks_lies_where_the_body_has_it(eye: bool) -> None:
     result = zo.match(source, target)
     image = result.surface_map.vertex
     # A body of one shell is not mapped to a piece of the other.
-    assert any("matched to their counterparts" in note for note in result.notes) is eye
+    assert any("matched to their partners" in note for note in result.notes) is eye
     clear_of_the_sphere = np.linalg.norm(target.vertices, axis=1) > 1 + 0.22 * np.sqrt(welded.area)
     assert (image[clear_of_the_sphere] >= len(sphere)).mean() > 0.95
 

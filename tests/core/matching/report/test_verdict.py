@@ -38,7 +38,7 @@ pytestmark = pytest.mark.usefixtures("few_candidates")
         ({"mirrored": True}, AMBER, "mirror image"),
         ({"certainty": 0.76, "unplaced": 0.235}, AMBER, "24% of the target has no certain place"),
         ({"certainty": 0.6, "unplaced": 0.235}, AMBER, "may be wrong"),
-        ({"alone": 0.4}, AMBER, "no counterpart"),
+        ({"alone": 0.4}, AMBER, "no partner"),
     ],
 )
 def test_the_worst_of_what_is_known_decides(changed: dict[str, Any], level: str, reason: str) -> None:
