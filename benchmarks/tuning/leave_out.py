@@ -28,7 +28,7 @@ from zoomout_core.arrays import Floats
 from zoomout_core.geometry.procrustes import procrustes
 from zoomout_core.matching import pipeline, retry
 from zoomout_core.matching.components.similarity_field import SimilarityField
-from zoomout_core.matching.hypotheses import guess
+from zoomout_core.matching.hypotheses import collect
 from zoomout_core.matching.report.notes import SURE_CERTAINTY
 
 # Mean error, relative to the square root of the source's area, above which a map counts as wrong.
@@ -246,7 +246,7 @@ def _rigid(motion: SimilarityField, points: Floats, normals: Floats) -> tuple[Fl
 
 LEFT_OUT = (
     LeftOut("rotational symmetry", _round, ((pipeline, "with_turned", _no_turns), (retry, "with_turned", _no_turns))),
-    LeftOut("sign hypotheses", _without_extremities, ((guess, "sign_hypotheses", lambda *_: []),)),
+    LeftOut("sign hypotheses", _without_extremities, ((collect, "sign_hypotheses", lambda *_: []),)),
     LeftOut("unknown scale", _parts_in_other_units, ((retry, "match_at_unknown_scale", lambda *_: None),)),
     LeftOut("similarity field", _of_many_parts, ((SimilarityField, "carry", _rigid),)),
 )

@@ -38,7 +38,7 @@ from zoomout_core.mesh.triangles import triangle_areas
 from zoomout_core.messages import probability
 from zoomout_core.runtime.progress import Progress, listening, portion, stage
 from zoomout_core.runtime.threads import for_each, on_one_blas_thread, side_by_side
-from zoomout_core.symmetry.hypotheses import GUESSES
+from zoomout_core.symmetry.hypotheses import GENERATORS
 from zoomout_core.symmetry.involution import involution, order_of, return_error
 from zoomout_core.symmetry.ranking import SURE_SYMMETRY_CERTAINTY, is_no_part_of_identity, rank_symmetries
 from zoomout_core.symmetry.self_map import K_FINAL, SAMPLES, SelfMap, bodies_of, body_shape
@@ -183,10 +183,10 @@ def _best_attempt(
 def find_candidates(shape: ShapeAnalysis) -> list[Candidate]:
     """Maps of a shape onto itself that may be symmetries, the most likely first."""
     with portion(0.0, 0.4):
-        guesses = for_each(lambda guess: guess(shape), GUESSES)
+        generated = for_each(lambda generate: generate(shape), GENERATORS)
     with portion(0.4, 1.0):
         candidates = rank(
-            list(chain(*guesses)),
+            list(chain(*generated)),
             shape,
             shape,
             quotas=CANDIDATE_QUOTAS,

@@ -81,7 +81,7 @@ def blocks_of_eigenfunctions(shape: ShapeAnalysis) -> list[Hypothesis]:
     return [Hypothesis(f"blocks of {len(C)} eigenfunctions, choice {i}", C) for i, C in enumerate(kept)]
 
 
-GUESSES: tuple[Callable[[ShapeAnalysis], list[Hypothesis]], ...] = (
+GENERATORS: tuple[Callable[[ShapeAnalysis], list[Hypothesis]], ...] = (
     mirroring_pairings,
     turning_pairings,
     mirroring_descriptors,

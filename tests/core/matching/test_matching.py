@@ -12,7 +12,7 @@ from scipy.spatial import ConvexHull
 
 import zoomout_core as zo
 from zoomout_core.matching import pipeline
-from zoomout_core.matching.hypotheses import guess
+from zoomout_core.matching.hypotheses import collect
 from zoomout_core.matching.ranking import rank as ranking
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.runtime.progress import Outlines
@@ -98,7 +98,7 @@ def test_three_landmarks_give_a_first_look_before_anything_is_guessed(coarse, mo
     resting, bent = coarse
     tips = np.array([int(np.argmax(bent.directions @ LIMBS[i])) for i in range(count)])
     landmarks = true_vertex(resting, bent)[tips], tips
-    monkeypatch.setattr(guess, "GUESSES", (too_late,))
+    monkeypatch.setattr(collect, "GENERATORS", (too_late,))
     with pytest.raises(ended):
         matched(coarse, landmarks=landmarks, progress=cancel_at_first_look)
 

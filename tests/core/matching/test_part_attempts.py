@@ -17,7 +17,7 @@ import zoomout_core as zo
 from zoomout_core.matching import retry as retry_module
 from zoomout_core.matching.attempt import Attempt
 from zoomout_core.matching.constraints import Constraints
-from zoomout_core.matching.hypotheses import guess as guess_module
+from zoomout_core.matching.hypotheses import collect
 from zoomout_core.matching.options import MatchOptions
 from zoomout_core.matching.partial.part_match import PART_MATCH
 from zoomout_core.matching.partial.region import REGION
@@ -190,7 +190,7 @@ def test_a_part_is_looked_for_where_the_map_is_unsure_and_something_may_be_missi
 
     monkeypatch.setattr(retry_module, "attempt_part", watched)
     monkeypatch.setattr(retry_module, "may_be_part", lambda _: has_cuts)
-    monkeypatch.setattr(guess_module, "GUESSES", ())
+    monkeypatch.setattr(collect, "GENERATORS", ())
     source, target = creature(200).surface, creature(180, seed=1).surface
     target = target.with_vertices(factor * target.vertices)
     with retune(PART_MATCH, unsure=unsure):
@@ -269,7 +269,7 @@ def test_a_note_says_that_shapes_of_very_different_size_are_in_different_units(
     monkeypatch.setattr(retry_module, "match_part", none_found)
     monkeypatch.setattr(retry_module, "match_at_unknown_scale", without_fragment)
     monkeypatch.setattr(retry_module, "may_be_part", lambda _: has_cuts)
-    monkeypatch.setattr(guess_module, "GUESSES", ())
+    monkeypatch.setattr(collect, "GENERATORS", ())
     source, target = creature(200).surface, creature(180, seed=1).surface
     with retune(PART_MATCH, unsure=1.0):
         other_unit = target.with_vertices(target.vertices * factor)
