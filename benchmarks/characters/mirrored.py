@@ -19,7 +19,7 @@ from benchmarks.characters.figures import dominant, figures
 from benchmarks.characters.game import Character, read_character
 from benchmarks.characters.table import Row, over
 from benchmarks.characters.truth import Bones, Rest, bones_of
-from zoomout_core.matching.report.notes import SURE_CERTAINTY
+from zoomout_core.matching.report.verdict import VERDICT
 from zoomout_core.symmetry.flip_name import partner_of
 
 # The kinds of cases: a character at rest, posed, and the clothes of a body.
@@ -117,7 +117,7 @@ def symmetry_rows(records: list[Row]) -> list[Row]:
     rows = []
     for kind in dict.fromkeys(record["characters"] for record in records):
         chosen = [record for record in records if record["characters"] == kind]
-        sure = [record for record in chosen if record["certainty"] >= SURE_CERTAINTY]
+        sure = [record for record in chosen if record["certainty"] >= VERDICT.certain]
         rows.append(
             {
                 "characters": kind,

@@ -34,7 +34,7 @@ REASONS = {
     "curvature": "its surface has other forms",
 }
 DEFORMED = "the best map onto it deforms the target too much (fit {fit:.0%})"
-UNSURE = "the best map onto it is only {certainty} certain"
+UNCERTAIN = "the best map onto it is only {certainty} certain"
 
 
 @dataclass(frozen=True)
@@ -197,5 +197,5 @@ def _refusal(ranked: Sequence[FoundSource], nearest: _Compared) -> str:
     if best.distance > SEARCH.max_distance:
         reason: Message = message(DEFORMED, fit=1 - best.misfit)
     else:
-        reason = message(UNSURE, certainty=probability(best.certainty))
+        reason = message(UNCERTAIN, certainty=probability(best.certainty))
     return message(NOTHING_FITS, name=best.path.name, reason=reason)

@@ -154,7 +154,7 @@ def _attempt_bodies(
         except LandmarkError:  # a landmark is on a part that only another body has
             if not attempts:
                 raise
-        if attempts[-1].candidates[0].certainty >= ATTEMPTS.sure:
+        if attempts[-1].candidates[0].certainty >= ATTEMPTS.certain:
             break
     return attempts
 

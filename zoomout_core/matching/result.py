@@ -131,9 +131,9 @@ class MatchResult(Summary):
 
     @property
     def uncertain(self) -> Integers:
-        """(u,) the components of the source that its outside shows, but from which the target receives little for sure.
+        """(u,) the components that the source shows on its outside, but whose partners on the target are doubtful.
 
-        These include the silent ones. What arrives counts as much as it is trusted.
+        These include the silent ones. What arrives is weighted by its confidence.
         """
         return np.flatnonzero(self._is_uncertain(np.arange(len(self.pair.shares))))
 
@@ -300,7 +300,7 @@ def make_result(pair: Pair, candidates: tuple[Candidate, ...], chosen: int) -> M
     placed = min(whole.placed, 1 - pair.target.share_of_area(lost))
     placed *= 1 - pair.target.share_of_area(cut_off & ~lost)
     candidates = _doubt_torn(pair, candidates, chosen, pair.target.share_of_area(repaired.torn))
-    doubts = notes_on_map(candidates, chosen, placed, dense.folded)
+    doubts = notes_on_map(candidates, chosen, placed, dense.flipped)
     return MatchResult(
         surface_map=repaired.surface_map,
         confidence=confidence,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Second attempts if the first one is unsure: match one shape as a part of the other, or add more hypotheses."""
+"""Second attempts if the first one is uncertain: match one shape as a part of the other, or add more hypotheses."""
 
 from __future__ import annotations
 
@@ -36,10 +36,10 @@ from zoomout_core.runtime.progress import portion, stage
 
 
 def needs_retry(first: Attempt, options: MatchOptions) -> bool:
-    """Whether an attempt is unsure, and options let another one be made."""
+    """Whether an attempt is uncertain, and options let another one be made."""
     if options.initial not in ("auto", "landmarks"):
         return False
-    return certainty_but_for_turns(first.candidates) < PART_MATCH.unsure or sizes_differ(first.pair)
+    return certainty_but_for_turns(first.candidates) < PART_MATCH.uncertain or sizes_differ(first.pair)
 
 
 def retry(first: Attempt, known: Constraints, options: MatchOptions) -> Attempt:
@@ -74,7 +74,7 @@ def attempt_part(whole: Attempt, known: Constraints) -> Attempt:
             candidates = match_part(pair, known.disagreement(pair), given)
         best = _as_part(whole, pair, candidates, PART_MATCH.likely)
     certainty = best.candidates[0].certainty
-    enough = UNKNOWN_SCALE.sure if best is whole else UNKNOWN_SCALE.likely
+    enough = UNKNOWN_SCALE.certain if best is whole else UNKNOWN_SCALE.likely
     if certainty >= enough or (best is not whole and are_fragments(whole.pair)):
         return best
     with stage("Finding the scale of a part", 0.3, 1.0):

@@ -174,7 +174,7 @@ def _best_attempt(
             candidates = find_candidates(shape)
         if candidates:
             attempts.append(Attempt(pair, candidates, body.coverage))
-        if candidates and candidates[0].certainty >= ATTEMPTS.sure:
+        if candidates and candidates[0].certainty >= ATTEMPTS.certain:
             break
     # Maps that agree in most places may still differ on an arm, so candidates do not confirm each other.
     return max(attempts, key=lambda attempt: attempt.worth, default=None)

@@ -42,7 +42,7 @@ class Image:
     vertices: Integers  # (n,) of the target's working mesh
     triangle: Integers  # (n,) of the source's working mesh
     barycentric: Floats  # (n, 3) in it
-    trust: Floats  # (n,) in [0, 1]
+    confidence: Floats  # (n,) in [0, 1]
 
     @classmethod
     def concatenate(cls, images: Sequence[Image]) -> Image:
@@ -143,10 +143,10 @@ def _motion(pair: Pair, source: Side, target: Side, body: SurfaceMap, confidence
 
 
 def _carry(target: Side, motion: SimilarityField) -> tuple[Floats, Floats, Floats]:
-    """(n, 3) points, (n, 3) normals and (n,) trust of the target's mesh, its loose parts moved with the body."""
+    """(n, 3) points, (n, 3) normals and (n,) confidence of the target's mesh, its loose parts moved with the body."""
     loose = np.flatnonzero(target.loose)
     before, turned_from = target.points[loose], target.mesh.vertex_normals[loose]
-    after, turned_to, trust = motion.carry(before, turned_from)
+    after, turned_to, confidence = motion.carry(before, turned_from)
     _, label = np.unique(target.mesh.component[loose], return_inverse=True)
     areas = target.areas[loose]
     share = csr_array((areas / np.bincount(label, areas)[label], (label, np.arange(len(loose)))))
@@ -155,7 +155,7 @@ def _carry(target: Side, motion: SimilarityField) -> tuple[Floats, Floats, Float
     affine = affine_maps(moments, motion.handedness)[label[small]]
     after[small], turned_to[small] = transform_points(affine, before[small], turned_from[small])
     everywhere = np.zeros((len(target.points), 7))
-    everywhere[loose] = np.column_stack([after, turned_to, trust])
+    everywhere[loose] = np.column_stack([after, turned_to, confidence])
     return everywhere[:, :3], everywhere[:, 3:6], everywhere[:, 6]
 
 
@@ -227,7 +227,7 @@ def _onto(
     """The closest points of some pieces of the source, in place and normal, and (n,) the distances to them.
 
     Vertices (n,) of the target, of a part of some size, lie at `points` (n, 3) on the source, with `normals` (n, 3);
-    an exact fit has trust `most`.
+    an exact fit has confidence `most`.
     """
     first = np.cumsum([0] + [len(piece.vertices) for piece in pieces])
     positions = np.concatenate([piece.points for piece in pieces])
@@ -245,7 +245,7 @@ def _onto(
     )
     residual = np.linalg.norm(np.einsum("nc,ncx->nx", barycentric, positions[corners[triangle]]) - points, axis=1)
     of_source = np.concatenate([piece.triangles for piece in pieces])[triangle]
-    return Image(vertices, of_source, barycentric, _trust(most, residual)), residual
+    return Image(vertices, of_source, barycentric, _confidence(most, residual)), residual
 
 
 def _onto_all(parts: Sequence[Part], source: Side) -> list[Image]:
@@ -260,7 +260,7 @@ def _onto_all(parts: Sequence[Part], source: Side) -> list[Image]:
     ends = np.cumsum([len(part.vertices) for part in parts])
     split = (np.split(array, ends[:-1]) for array in (triangles[triangle], barycentric, residual))
     return [
-        Image(part.vertices, onto, at, _trust(OTHER_PART_CONFIDENCE, off))
+        Image(part.vertices, onto, at, _confidence(OTHER_PART_CONFIDENCE, off))
         for part, onto, at, off in zip(parts, *split, strict=True)
         if _fits(part, off)
     ]
@@ -271,11 +271,11 @@ def _fits(part: Part, residual: Floats) -> bool:
     return float(np.sqrt(part.weights @ residual**2)) <= SAME_PLACE_DISTANCE * (part.size + BODY_MAP_ERROR)
 
 
-def _trust(most: float, residual: Floats) -> Floats:
+def _confidence(most: float, residual: Floats) -> Floats:
     """(n,) factor of the confidence in an image at distances (n,)."""
     return np.asarray(most / (1 + (residual / BODY_MAP_ERROR) ** 2))
 
 
 def _beside_body(image: Image, around: Floats) -> Image:
-    """An image whose trust owes as much to the body around it, (n,) for all vertices, as to its own fit."""
-    return replace(image, trust=np.sqrt(image.trust * around[image.vertices]))
+    """An image whose confidence owes as much to the body around it, (n,) for all vertices, as to its own fit."""
+    return replace(image, confidence=np.sqrt(image.confidence * around[image.vertices]))

@@ -77,7 +77,7 @@ def lift(pair: Pair, fit: Fit, confidence: Floats, partners: Partners) -> Lifted
     number = np.where(pair.target.working.vertex_of >= 0, number[pair.target.working.vertex_of], -1)
     placed = number >= 0
     triangle[placed] = pair.source.working.triangle_of[loose.image.triangle[number[placed]]]
-    barycentric[placed], trust[placed] = loose.image.barycentric[number[placed]], loose.image.trust[number[placed]]
+    barycentric[placed], trust[placed] = loose.image.barycentric[number[placed]], loose.image.confidence[number[placed]]
     whole = SurfaceMap(triangle, barycentric, pair.source.triangles)
     areas = triangle_areas(pair.target.vertices, pair.target.triangles)
     share = float(areas[(on_body | placed)[pair.target.triangles].any(axis=1)].sum() / areas.sum())

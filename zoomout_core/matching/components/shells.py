@@ -68,14 +68,14 @@ class ShellTuning(Tuning, set_by="characters"):
     lies_on: float = tuned(0.004, "at unit area", 0, 1)
     # Where the fit of the hulls is rejected, but their map has less confidence, the fit moves shells all the same: it
     # goes along with its surroundings, while the map may have exchanged the toes of a foot.
-    unsure: float = tuned(0.3, "1", 0, 1)
+    doubtful: float = tuned(0.3, "1", 0, 1)
     half_distance: float = tuned(0.045, "at unit area", 1e-6, 1)  # off the hulls' map that halves the confidence
     flush: float = tuned(0.015, "at unit area", 0, 1)  # a shell lies on its partner if half of it is nearer
     # Vertices farther from their shell's partner keep their image by the body's map. Below 0.15, parts of robots of
     # other builds lose their partners.
     beside: float = tuned(0.2, "at unit area", 0, 1)
     faded: float = tuned(0.01, "1", 0, 1)  # vertices stay that a landmark moves by less of its own motion
-    full_trust: float = tuned(0.9, "1", 0, 1)  # confidence in a pair whose edges keep their lengths
+    pair_confidence: float = tuned(0.9, "1", 0, 1)  # confidence in a pair whose edges keep their lengths
     half_stretch: float = tuned(0.5, "1", 1e-6, 10)  # mean relative change of length that halves this confidence
 
 
@@ -135,7 +135,7 @@ def map_shells(pair: Pair, fit: Fit, confidence: Floats, of_hulls: Partners) -> 
         vertices = part.vertices[on]
         image.triangle[vertices], image.barycentric[vertices] = onto.triangle[on], onto.barycentric[on]
         image.distance[vertices] = onto.distance[on]
-        trust[vertices] = SHELLS.full_trust / (1 + (stretch / SHELLS.half_stretch) ** 2)
+        trust[vertices] = SHELLS.pair_confidence / (1 + (stretch / SHELLS.half_stretch) ** 2)
         has_partner.target[vertices] = has_partner.source[theirs[j].vertices] = True
     surface_map = SurfaceMap(image.triangle, image.barycentric, source.mesh.triangles)
     if pair.exact_landmarks is not None:
@@ -189,7 +189,7 @@ def _motion(pair: Pair, fit: Fit, confidence: Floats) -> tuple[SimilarityField, 
     source, target = pair.source_shape.proxy, pair.target_shape.proxy
     centre, size = source.frame
     bent = centre + size * fit.positions
-    moves = fit.fits | ((confidence < SHELLS.unsure) & fit.fits.any())
+    moves = fit.fits | ((confidence < SHELLS.doubtful) & fit.fits.any())
     images = np.where(moves[:, None], bent, fit.surface_map.interpolate(source.vertices))
     places = overlapping(pair)
     basis = pair.target_shape.basis
@@ -201,8 +201,8 @@ def _motion(pair: Pair, fit: Fit, confidence: Floats) -> tuple[SimilarityField, 
 def _carry(motion: SimilarityField, points: Floats, normals: Floats) -> tuple[Floats, Floats, Floats]:
     """`SimilarityField.carry` for any number of points."""
     pieces = np.array_split(np.arange(len(points)), 1 + len(points) // AT_ONCE)
-    places, turned, trust = zip(*(motion.carry(points[some], normals[some]) for some in pieces), strict=True)
-    return np.concatenate(places), np.concatenate(turned), np.concatenate(trust)
+    places, turned, confidence = zip(*(motion.carry(points[some], normals[some]) for some in pieces), strict=True)
+    return np.concatenate(places), np.concatenate(turned), np.concatenate(confidence)
 
 
 def _outside(side: Side, shape: ShapeAnalysis) -> Booleans:

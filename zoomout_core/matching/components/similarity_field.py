@@ -33,7 +33,7 @@ class SimilarityField:
 
     places: Floats  # (n, 3) vertices of the body's mesh, in a frame in which its area is one
     images: Floats  # (n, 3) their images
-    trust: Floats  # (n,) confidence in the images
+    confidence: Floats  # (n,) confidence in the images
     basis: SpectralBasis  # of the body's mesh
 
     @cached_property
@@ -63,7 +63,7 @@ class SimilarityField:
         return self._moments[1].rotations(self.handedness)[near]
 
     def carry(self, points: Floats, normals: Floats) -> tuple[Floats, Floats, Floats]:
-        """Move points (q, 3) around the body, and turn directions (q, 3); returns both, and (q,) trust in the body."""
+        """Move points (q, 3) around the body, and turn directions (q, 3); returns both, and (q,) confidence."""
         count = min(BLENDED_NEIGHBOURS, len(self.places))
         distance, near = (np.reshape(part, (len(points), count)) for part in self._tree.query(points, count))
         weights = (1 - distance / (distance[:, -1:] * (1 + 1e-3) + 1e-300)) ** 2
@@ -78,7 +78,7 @@ class SimilarityField:
             rows = np.flatnonzero(share)
             if len(rows):
                 affine[rows] += share[rows, None] * (blend[rows] @ affine_maps(moments, self.handedness))
-        return *transform_points(affine, points, normals), blend @ self.trust
+        return *transform_points(affine, points, normals), blend @ self.confidence
 
 
 def affine_maps(moments: Moments, handedness: float) -> Floats:

@@ -42,7 +42,7 @@ class PartMatchTuning(Tuning, set_by="partial"):
     # Maps of wholes below it are tried as parts. At .8 a person with missing pieces keeps its map as a whole, at a
     # certainty of .88 and an error of 68 (x 1000); as a part these are .96 and 22. The other 27 pairs with cuts, holes
     # and missing pieces stay the same.
-    unsure: float = tuned(0.95, "probability", 0, 1)
+    uncertain: float = tuned(0.95, "probability", 0, 1)
     # Minimum certainty of a part: whole dinosaurs of other species, at 3 % either way, have nine of ten limbs right as
     # wholes, and two or four as parts.
     likely: float = tuned(0.15, "probability", 0, 1)
@@ -178,7 +178,7 @@ def _on_part(
 
 
 def _candidate(one: PartCandidate, pair: Pair, disagreement: Disagreement) -> Candidate:
-    """The map of a part as one of the pair; how sure it is, its rivals will tell."""
+    """The map of a part as one of the pair; how certain it is, its rivals will tell."""
     source, target = pair.source_shape, pair.target_shape
     part, whole = part_of(pair)
     bent = one.region.carry(one.registered).positions[part.search.samples]

@@ -29,7 +29,7 @@ class DenseMap(NamedTuple):
     partners: Partners  # which vertices have a partner
     functional_map: Floats  # (k_target, k_source)
     confidence: Floats  # (n_t,) of the target's vertices
-    folded: float  # the part of the target's area, in [0, 1], that the map flips
+    flipped: float  # the part of the target's area, in [0, 1], that the map flips
 
 
 def dense_map(pair: Pair, candidate: Candidate) -> DenseMap:
@@ -76,12 +76,12 @@ def _map_of_part(pair: Pair, candidate: Candidate) -> DenseMap:
     there = fit.surface_map
     functional_map = functional_map_by(there, source, target, candidate.functional_map.shape)
     known = found.partners.target
-    confidence, folded = confidence_of(there, found.back, functional_map, source, target, False, False, known)
+    confidence, flipped = confidence_of(there, found.back, functional_map, source, target, False, False, known)
     if is_small(source, target):
-        confidence, folded = _confidence_by_part(found, source, target, functional_map.shape)
+        confidence, flipped = _confidence_by_part(found, source, target, functional_map.shape)
     # Between the bases of both at unit area, as of all maps.
     functional_map *= np.sqrt(source.basis.areas.sum() / target.basis.areas.sum())
-    return DenseMap(fit, found.partners, functional_map, confidence, folded)
+    return DenseMap(fit, found.partners, functional_map, confidence, flipped)
 
 
 def _confidence_by_part(
@@ -93,5 +93,5 @@ def _confidence_by_part(
     """
     there, known = found.fit.surface_map, found.partners.source
     functional_map = functional_map_by(found.back, target, source, size[::-1])
-    of_part, folded = confidence_of(found.back, there, functional_map, target, source, False, False, known)
-    return found.partners.target * there.interpolate(of_part), folded
+    of_part, flipped = confidence_of(found.back, there, functional_map, target, source, False, False, known)
+    return found.partners.target * there.interpolate(of_part), flipped

@@ -22,7 +22,7 @@ RIGHT_BUT_FOR_DOUBTS = (
     "that is doubtful."
 )
 WRONG = "The match is probably wrong: it is {certainty} certain."
-UNSURE = "The match may be wrong: it is {certainty} certain."
+UNCERTAIN = "The match may be wrong: it is {certainty} certain."
 UNPLACED = "The match is {certainty} certain, because {share:.0%} of the target has no certain place on the source."
 SHATTERED = "The match is probably wrong: it tears apart {share:.0%} of the target."
 TORN = "The match tears apart {share:.1%} of the target."
@@ -49,7 +49,7 @@ MENTIONED_DOUBTS = 0.005
 class VerdictTuning(Tuning, set_by="everywhere"):
     """Where a verdict changes its level."""
 
-    sure: float = tuned(0.9, "probability", 0, 1)  # smallest certainty of a green map
+    certain: float = tuned(0.9, "probability", 0, 1)  # smallest certainty of a green map
     wrong: float = tuned(0.3, "probability", 0, 1)  # certainty below which a map is red
     torn: float = tuned(0.02, "1", 0, 1)  # largest part of the target's area at torn edges of a green map
     # Maximum certainty of a map of closed shapes that tears more than that. Of four such maps above 0.9, two are right
@@ -120,16 +120,16 @@ def judge(certainty: float, faults: Faults = NO_FAULTS) -> Verdict:
     """The verdict on a map, from the probability that it is right as a whole, and its faults."""
     torn, silent, doubtful, alone, mirrored, unplaced = faults
     # No other candidate is likely, and sides are not in doubt.
-    only_unplaced = certainty < VERDICT.sure and certainty >= VERDICT.sure * (1 - unplaced)
+    only_unplaced = certainty < VERDICT.certain and certainty >= VERDICT.certain * (1 - unplaced)
     # No other candidate is likely, but the map is torn.
     only_torn = torn > VERDICT.torn and certainty >= VERDICT.torn_certainty * (1 - unplaced)
-    is_unsure = certainty < VERDICT.sure and not only_torn
+    is_uncertain = certainty < VERDICT.certain and not only_torn
     look_there = LOOK_AT_PARTS if silent >= VERDICT.silent else LOOK_AT_DOUBTFUL
     cases = (
         (certainty < VERDICT.wrong, RED, message(WRONG, certainty=probability(certainty)), TRY_CANDIDATES),
         (torn > VERDICT.shattered, RED, message(SHATTERED, share=torn), TRY_CANDIDATES),
         (only_unplaced, AMBER, message(UNPLACED, certainty=probability(certainty), share=unplaced), look_there),
-        (is_unsure, AMBER, message(UNSURE, certainty=probability(certainty)), LOOK_AT_SIDES),
+        (is_uncertain, AMBER, message(UNCERTAIN, certainty=probability(certainty)), LOOK_AT_SIDES),
         (mirrored, AMBER, message(MIRRORED), ONLY_IF_MIRRORED),
         (silent >= VERDICT.silent, AMBER, message(SILENT, share=silent), LOOK_AT_PARTS),
         (torn > VERDICT.torn, AMBER, message(TORN, share=torn), LOOK_AT_TORN),

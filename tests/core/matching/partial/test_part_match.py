@@ -37,7 +37,7 @@ def matched(source: Surface, target: Surface, **given: Any) -> zo.MatchResult:
     zo.forget_shapes()
     with (
         retune(ATTEMPTS, same_share=1.0),
-        retune(PART_MATCH, unsure=1.0, misfit=-50.0, another_map=2.0),
+        retune(PART_MATCH, uncertain=1.0, misfit=-50.0, another_map=2.0),
         retune(PART_CANDIDATES, landmarks=7, regions=0, registered=4),
     ):
         return zo.match(source, target, k_final=60, samples=400, **given)
