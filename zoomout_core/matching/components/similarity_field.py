@@ -23,6 +23,8 @@ from zoomout_core.spectral.eigenbasis import SpectralBasis
 POOLING_LENGTHS = (0.04, 0.1, 0.25)
 # Nearest vertices of the body whose similarities are blended at a point.
 BLENDED_NEIGHBOURS = 12
+# Points that are moved at once, which bounds the memory.
+AT_ONCE = 50_000
 # Largest factor between a local scale and the body's median: maps shrink or stretch places by mistake.
 MAX_SCALE_RATIO = 2.0
 
@@ -79,6 +81,13 @@ class SimilarityField:
             if len(rows):
                 affine[rows] += share[rows, None] * (blend[rows] @ affine_maps(moments, self.handedness))
         return *transform_points(affine, points, normals), blend @ self.confidence
+
+
+def carry_in_blocks(motion: SimilarityField, points: Floats, normals: Floats) -> tuple[Floats, Floats, Floats]:
+    """`SimilarityField.carry` for any number of points."""
+    pieces = np.array_split(np.arange(len(points)), 1 + len(points) // AT_ONCE)
+    places, turned, confidence = zip(*(motion.carry(points[some], normals[some]) for some in pieces), strict=True)
+    return np.concatenate(places), np.concatenate(turned), np.concatenate(confidence)
 
 
 def affine_maps(moments: Moments, handedness: float) -> Floats:

@@ -15,17 +15,10 @@ from scipy.spatial.transform import Rotation
 
 from zoomout_core.geometry.oriented_closest_points import OrientedSurface
 from zoomout_core.matching.components.parts import Side
+from zoomout_core.matching.components.shell_images import find_beneath, map_onto_partner, near_hull
+from zoomout_core.matching.components.shell_pairs import pair_shells
 from zoomout_core.matching.components.shell_registration import Similarities
-from zoomout_core.matching.components.shells import (
-    ShellMap,
-    _beneath,
-    _motion,
-    _onto_partner,
-    _outside,
-    _pair_shells,
-    _pin,
-    map_shells,
-)
+from zoomout_core.matching.components.shells import ShellMap, _motion, _pin, map_shells
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 from zoomout_core.matching.refinement.confidence import Partners
@@ -63,7 +56,7 @@ def laid(
     """Images of a target's first shell, moved by the body's map, on its partner, and the stretch of its edges."""
     mesh, shells = source.mesh, looked_for(source)
     part = replace(target.parts(target.points)[0], points=moved)
-    image, stretch = _onto_partner(
+    image, stretch = map_onto_partner(
         part, partner, similarity, scale, stays, target.mesh.vertex_normals, shells, source, target
     )
     return np.einsum("nc,ncx->nx", image.barycentric, source.points[mesh.triangles[image.triangle]]), stretch
@@ -124,7 +117,7 @@ def test_what_lies_on_what_is_nearest_keeps_to_the_side_that_faces_alike() -> No
     thin = side_of(ball(0.1, radii=(1, 1, 0.03), count=200))
     outer = np.ones(len(thin.points), dtype=bool)
     for sense in (1, -1):
-        image = _beneath(thin.points * [1, 1, -1.5], sense * thin.mesh.vertex_normals, thin, outer, outer, False)
+        image = find_beneath(thin.points * [1, 1, -1.5], sense * thin.mesh.vertex_normals, thin, outer, outer, False)
         on = np.einsum("nc,ncx->nx", image.barycentric, thin.points[thin.mesh.triangles[image.triangle]])
         middle = np.linalg.norm(thin.points[:, :2], axis=1) < 0.06
         np.testing.assert_array_equal(np.sign(on[middle, 2]), sense * np.sign(thin.points[middle, 2]))
@@ -147,7 +140,7 @@ def partners(target: Side, source: Side, scale: float = 1.0) -> dict[int, int]:
         carry=lambda points, normals: (scale * points, normals, np.ones(len(points))), handedness=1.0, scale=scale
     )
     pair: Any = SimpleNamespace(regions=[])
-    return dict(_pair_shells(pair, motion, target.parts(target.points), source.parts(source.points), source, target)[0])
+    return dict(pair_shells(pair, motion, target.parts(target.points), source.parts(source.points), source, target)[0])
 
 
 def number_of(source: Side, at: float) -> int:
@@ -201,7 +194,7 @@ def test_what_is_near_the_skin_is_on_the_outside() -> None:
     radius = (4 * np.pi) ** -0.5
     hull = skin_of(ball(radius, count=1500))
     side = side_of(*(ball(radius - below, count=40) for below in (0.0, 0.01, 0.04, 0.2)))
-    np.testing.assert_array_equal(_outside(side, hull), side.mesh.component < 2)
+    np.testing.assert_array_equal(near_hull(side, hull), side.mesh.component < 2)
 
 
 # --- all shells -----------------------------------------------------------------------------------------------------
@@ -231,7 +224,7 @@ def turned(surface: Surface) -> Surface:
     return surface.with_vertices(surface.vertices @ ABOUT.T + 3)
 
 
-def test_shells_that_have_their_like_are_onto_partner_it_and_trusted() -> None:
+def test_shells_that_have_a_partner_are_mapped_onto_it_and_trusted() -> None:
     source = Surface.joined([TRUNK, HORN, KNOB])
     found = map_of(source, turned(source))
     on = found.surface_map.interpolate(source.vertices[np.argsort(source.working.vertex_of)])
