@@ -18,7 +18,8 @@ from ..properties.transfer import BindOptions, BlendOptions
 from ..properties.wrap import WrapOptions
 from ..scene.selection import worn_names
 from ..services.binding import hide_sources
-from ..services.dress import Dressing, prepare_dress
+from ..services.dressing.dress import prepare_dress
+from ..services.dressing.read import Dressing
 from ..services.matching.collection_match import check_verdicts, match_collections_async
 from ..services.matching.match import prepare_match
 from ..services.targets import Write, each_target

@@ -28,7 +28,8 @@ from ..scene.files import Brought, keep_as_blend, open_scene, save_scene, shown_
 from ..scene.pair import find_mesh, fingerprint_source, fingerprint_target
 from ..storage import stored_candidates, stored_match
 from .binding import weights_of_bones
-from .dress import Dressing, prepare_dress
+from .dressing.dress import prepare_dress
+from .dressing.read import Dressing
 from .matching.collection_match import Parts, prepare_parts
 
 # Extensions of avatar files.

@@ -46,7 +46,7 @@ from ..scene.stored_pair import stored_pair
 from ..storage import stored_match, stored_report
 from .binding import Bound, check_binding, hide_sources, is_at_source, keep_match, prepare_binding, write_bound
 from .constraints import check_options
-from .dress import take_to_rest
+from .dressing.dress import take_to_rest
 from .matching.candidates import store_match
 from .matching.made_match import CALL_WITH_FORCE, is_probably_wrong, make_match, push_match, store_and_stop
 from .targets import Write
