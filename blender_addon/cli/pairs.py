@@ -17,7 +17,7 @@ from ..properties.match import MatchOptions
 from ..properties.transfer import BindOptions, BlendOptions
 from ..properties.wrap import WrapOptions
 from ..scene.selection import worn_names
-from ..services.binding import hide_sources
+from ..services.binding.write import hide_sources
 from ..services.dressing.dress import prepare_dress
 from ..services.dressing.read import Dressing
 from ..services.matching.collection_match import check_verdicts, match_collections_async

@@ -44,7 +44,9 @@ from ..scene.pair import (
 )
 from ..scene.stored_pair import stored_pair
 from ..storage import stored_match, stored_report
-from .binding import Bound, check_binding, hide_sources, is_at_source, keep_match, prepare_binding, write_bound
+from .binding.bind import Bound, prepare_binding
+from .binding.check import check_binding
+from .binding.write import hide_sources, is_at_source, keep_match, write_bound
 from .constraints import check_options
 from .dressing.dress import take_to_rest
 from .matching.candidates import store_match

@@ -19,7 +19,7 @@ from ... import mesh_data
 from ...jobs import pause
 from ...mesh_data import BodyKeys, ObjectPair, OutfitBones, Worn
 from ...scene.pair import edit_error, find_mesh
-from ..binding import read_sources_at_rest
+from ..binding.read import read_sources_at_rest
 from .worn_weights import GroupWeights, read_group_weights
 
 READING = "Reading the objects"
