@@ -7,7 +7,7 @@ with the one or several sources that it maps to, as if these had been matched al
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, TypeAlias
@@ -22,7 +22,7 @@ from zoomout_core.maps.known_match import KnownMatch
 from zoomout_core.matching.presets import resolve_detail
 from zoomout_core.matching.report.verdict import check_verdict
 from zoomout_core.mesh.triangles import vertex_areas
-from zoomout_core.messages import message
+from zoomout_core.messages import Message, message
 from zoomout_core.runtime.progress import portion, stage
 from zoomout_core.runtime.threads import for_each
 
@@ -273,41 +273,15 @@ def _match_of_target(
     """One of the targets with the sources that it maps to, and the match with these."""
     own = _move_to_namesake(_target_map(result, sources, targets, number), sources, number, namesakes)
     contributors = own.contributors(len(sources.names))
-    surfaces, fingerprints = (
+    pair = ObjectPair(
         tuple(sources.surfaces[i] for i in contributors),
+        targets.surfaces[number],
         tuple(sources.fingerprints[i] for i in contributors),
+        targets.fingerprints[number],
     )
-    pair = ObjectPair(surfaces, targets.surfaces[number], fingerprints, targets.fingerprints[number])
-    moved = np.full(len(sources.names), -1)  # offset of each source's triangles in the pair, -1 for others
-    moved[contributors] = np.cumsum([0, *(len(surface.triangles) for surface in surfaces[:-1])])
-    triangle = own.surface_map.triangle - sources.first_triangle[own.owner] + moved[own.owner]
-    barycentric, confidence = own.surface_map.barycentric.copy(), own.confidence.copy()
-    elsewhere = np.flatnonzero(moved[own.owner] < 0)
-    names = ", ".join(f"'{name}'" for name in pair.source_names)
-    notes = list(result.notes)
-    if len(contributors) > 1:
-        notes.append(
-            message(
-                "'{target}' corresponds to several objects and receives data from all of them: {sources}.",
-                target=pair.target_name,
-                sources=names,
-            )
-        )
-    if len(elsewhere):
-        images = own.surface_map.interpolate(sources.joined.vertices)[elsewhere]
-        triangle[elsewhere], barycentric[elsewhere] = closest_points(
-            images, pair.source.vertices, pair.source.triangles
-        )
-        confidence[elsewhere] = 0
-        notes.append(
-            message(
-                "{count:,} vertices correspond to objects other than {sources}: mapped to the nearest "
-                "point there, with zero confidence.",
-                count=len(elsewhere),
-                sources=names,
-            )
-        )
-    surface_map = zo.SurfaceMap(triangle, barycentric, pair.source.triangles)
+    surface_map, elsewhere = _onto_contributors(own, contributors, sources, pair)
+    confidence = own.confidence.copy()
+    confidence[elsewhere] = 0
     has_partner = result.has_partner[slice(*targets.first_vertex[number : number + 2])]
     of_sources = np.concatenate(
         [result.source_has_partner[slice(*sources.first_vertex[i : i + 2])] for i in contributors]
@@ -315,13 +289,53 @@ def _match_of_target(
     return pair, StoredMatch(
         surface_map,
         confidence,
-        tuple(notes),
+        (*result.notes, *_notes_on_sources(pair, len(elsewhere))),
         others=pair.source_names[1:],
         has_partner=has_partner,
         source_has_partner=of_sources,
         without_partner=(pair.target.share_of_area(~has_partner), pair.source.share_of_area(~of_sources)),
         verdict=result.verdict if isinstance(result, zo.MatchResult) else None,
     )
+
+
+def _onto_contributors(
+    own: _TargetMap, contributors: Sequence[int], sources: Parts, pair: ObjectPair
+) -> tuple[zo.SurfaceMap, Integers]:
+    """The map of a target onto the sources of a pair, which are some of all sources, by number.
+
+    Returns:
+        The map, and the numbers of vertices that map to other sources: they take the nearest point of the pair's.
+    """
+    counts = [len(sources.surfaces[i].triangles) for i in contributors]
+    offset = np.full(len(sources.names), -1)  # of each source's triangles in the pair, -1 for others
+    offset[contributors] = np.cumsum([0, *counts[:-1]])
+    triangle = own.surface_map.triangle - sources.first_triangle[own.owner] + offset[own.owner]
+    barycentric = own.surface_map.barycentric.copy()
+    elsewhere = np.flatnonzero(offset[own.owner] < 0)
+    if len(elsewhere):
+        images = own.surface_map.interpolate(sources.joined.vertices)[elsewhere]
+        triangle[elsewhere], barycentric[elsewhere] = closest_points(
+            images, pair.source.vertices, pair.source.triangles
+        )
+    return zo.SurfaceMap(triangle, barycentric, pair.source.triangles), elsewhere
+
+
+def _notes_on_sources(pair: ObjectPair, elsewhere: int) -> Iterator[Message]:
+    """Sentences about several sources, and about a number of vertices that map to others."""
+    names = ", ".join(f"'{name}'" for name in pair.source_names)
+    if len(pair.source_names) > 1:
+        yield message(
+            "'{target}' corresponds to several objects and receives data from all of them: {sources}.",
+            target=pair.target_name,
+            sources=names,
+        )
+    if elsewhere:
+        yield message(
+            "{count:,} vertices correspond to objects other than {sources}: mapped to the nearest "
+            "point there, with zero confidence.",
+            count=elsewhere,
+            sources=names,
+        )
 
 
 def _target_map(result: zo.MatchResult | KnownMatch, sources: Parts, targets: Parts, number: int) -> _TargetMap:
