@@ -30,7 +30,8 @@ from ..storage import stored_candidates, stored_match
 from .binding.read import weights_of_bones
 from .dressing.dress import prepare_dress
 from .dressing.read import Dressing
-from .matching.collection_match import Parts, prepare_parts
+from .matching.collection_match import prepare_parts
+from .matching.joined_match import Parts
 
 # Extensions of avatar files.
 ENDINGS = (BLEND, ".fbx", ".glb", ".gltf")
