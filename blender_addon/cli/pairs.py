@@ -30,7 +30,7 @@ from .arguments import as_in_sidebar
 
 Result = TypeVar("Result")
 
-GIVE_FORCE = "To use this match all the same, give --force."
+GIVE_FORCE = "To use this match anyway, give --force."
 
 
 def match(context: Context, options: argparse.Namespace) -> dict[str, Any]:

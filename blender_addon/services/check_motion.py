@@ -24,7 +24,7 @@ UP = np.array([0.0, 0.0, 1.0])
 
 
 def check_motion(context: Context, target: Object) -> MotionCheck:
-    """Compare how a target plays the animation of its rig with how its source does, in lengths of the legs of each.
+    """Compare how a target plays the animation of its rig with how its source does, in leg lengths of each.
 
     Both armatures are played in a temporary scene with all constraints; nothing is changed.
 

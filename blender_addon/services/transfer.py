@@ -200,7 +200,7 @@ async def prepare_transfer(
         binding: how to bind the target to the source's rig; None not to bind it.
         adjusted: whether this repeats the last transfer with other settings, and may reuse its undone match.
         force: whether to transfer along a new match that is probably wrong.
-        remedy: a sentence for the refusal of such a match: how to use it all the same.
+        remedy: a sentence for the refusal of such a match: how to use it anyway.
         undo_step: whether to push a step with a new match, so that undoing the transfer keeps it.
         match_options: options of `match_objects`.
     """

@@ -31,7 +31,7 @@ REASONS = {
     "spectrum": "its proportions are different",
     "limbs": "its limbs differ in number or length",
     "volume": "it is much thicker or thinner",
-    "curvature": "its surface has other forms",
+    "curvature": "its surface has a different form",
 }
 DEFORMED = "the best map onto it deforms the target too much (fit {fit:.0%})"
 UNCERTAIN = "the best map onto it is only {certainty} certain"

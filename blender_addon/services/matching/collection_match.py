@@ -113,7 +113,7 @@ def check_verdicts(matches: Mapping[str, tuple[str, StoredMatch]], force: bool) 
     """Refuse matches by `prepare_parts` that are probably wrong, unless the user insists.
 
     Raises:
-        RefusedMatchError: one is probably wrong, and may not be used all the same.
+        RefusedMatchError: one is probably wrong, and may not be used anyway.
     """
     for _, match in matches.values():
         if match.verdict is not None:

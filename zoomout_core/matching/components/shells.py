@@ -47,7 +47,7 @@ APART_TOLERANCE = 0.01
 class ShellTuning(Tuning, set_by="characters"):
     """Where shells move, and the confidence in their images."""
 
-    # Where the fit of the hulls is rejected, but their map has less confidence, the fit moves shells all the same: it
+    # Where the fit of the hulls is rejected, but their map has less confidence, the fit moves shells anyway: it
     # goes along with its surroundings, while the map may have exchanged the toes of a foot.
     doubtful: float = tuned(0.3, "1", 0, 1)
     half_distance: float = tuned(0.045, "at unit area", 1e-6, 1)  # off the hulls' map that halves the confidence

@@ -18,8 +18,8 @@ GREEN, AMBER, RED = LEVELS = "green", "amber", "red"
 
 RIGHT = "The match is right as a whole ({certainty} certain)."
 RIGHT_BUT_FOR_DOUBTS = (
-    "The match is right as a whole ({certainty} certain). It may be off by a little on the {share:.0%} of the target "
-    "that is doubtful."
+    "The match is right as a whole ({certainty} certain). It may be slightly off on the doubtful {share:.0%} of the "
+    "target."
 )
 WRONG = "The match is probably wrong: it is {certainty} certain."
 UNCERTAIN = "The match may be wrong: it is {certainty} certain."
@@ -27,7 +27,7 @@ UNPLACED = "The match is {certainty} certain, because {share:.0%} of the target 
 SHATTERED = "The match is probably wrong: it tears apart {share:.0%} of the target."
 TORN = "The match tears apart {share:.1%} of the target."
 SILENT = (
-    "{share:.1%} of the source's visible surface is on parts from which the target receives almost nothing certain."
+    "{share:.1%} of the source's visible surface is on parts from which the target receives almost nothing reliable."
 )
 MIRRORED = "This match is a mirror image: it maps left to right."
 DOUBTFUL = "{share:.0%} of the target is doubtful."
@@ -98,7 +98,7 @@ class Faults(NamedTuple):
 
     Attributes:
         torn: the part of the target's area at torn edges.
-        silent: the part of the source's outside on parts from which the target receives almost nothing certain.
+        silent: the part of the source's outside on parts from which the target receives almost nothing reliable.
         doubtful: the part of the target's area of low confidence. Faces and hands have most of the vertices of a body.
         alone: the part of the target's area without a partner.
         mirrored: the map reverses the orientation.
@@ -157,11 +157,11 @@ def check_verdict(verdict: Verdict, force: bool, candidates: int = 1) -> None:
         candidates: the number of maps that `--candidate` offers.
 
     Raises:
-        RefusedMatchError: it is probably wrong, and may not be used all the same.
+        RefusedMatchError: it is probably wrong, and may not be used anyway.
     """
     if verdict.level == RED and not force:
         others = f" Other candidates: --candidate 1 to {candidates - 1}." if candidates > 1 else ""
-        raise RefusedMatchError(f"{verdict.sentence} {verdict.advice}{others} To write it all the same, give --force.")
+        raise RefusedMatchError(f"{verdict.sentence} {verdict.advice}{others} To write it anyway, give --force.")
 
 
 def worst(verdicts: Sequence[Verdict]) -> Verdict:

@@ -31,7 +31,11 @@ pytestmark = pytest.mark.usefixtures("few_candidates")
         ({"certainty": 0.7, "torn": 0.05}, AMBER, "may be wrong"),
         ({"torn": 0.3}, RED, "tears apart 30%"),
         ({"silent": 0.02}, AMBER, "receives almost nothing"),
-        ({"certainty": 0.9979, "doubtful": 0.176}, GREEN, "(over 99% certain). It may be off by a little on the 18%"),
+        (
+            {"certainty": 0.9979, "doubtful": 0.176},
+            GREEN,
+            "(over 99% certain). It may be slightly off on the doubtful 18%",
+        ),
         ({"doubtful": 0.004}, GREEN, "(99% certain)."),
         ({"doubtful": 0.6}, AMBER, "60% of the target is doubtful"),
         ({"alone": 0.05}, GREEN, "certain"),
