@@ -34,7 +34,7 @@ from benchmarks.tables import Record, over
 from benchmarks.tuning.ablation import maps_without
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.evaluation import coverage, flipped_share
-from zoomout_core.matching.report.notes import SURE_CERTAINTY
+from zoomout_core.matching.report.verdict import VERDICT
 from zoomout_core.mesh.surface import Surface
 
 OURS = "zo.match"
@@ -45,7 +45,7 @@ ISOMETRIC_LIMIT, NON_ISOMETRIC_LIMIT = 80, 130
 # A vertex of at least this confidence is trusted, which is right if its error times 1000 is below the second number.
 TRUSTED, CLOSE = 0.5, 50
 # Classes of certainty in the table of calibration.
-CERTAINTIES = (0.0, 0.5, 0.8, SURE_CERTAINTY, 1.0)
+CERTAINTIES = (0.0, 0.5, 0.8, VERDICT.certain, 1.0)
 WORST = 10
 # Kinds of parts whose shapes are of different species.
 OTHER_SPECIES = ("both cut, other species",)

@@ -136,7 +136,7 @@ def _search(query: Query) -> Record:
     first = found.ranked[0] if found.ranked else None
     name = "" if first is None else name_of(first.path)
     right = bool(name) and family_of(name) == family_of(query.name)
-    sure = found.best is not None and found.best.certainty >= VERDICT.sure
+    sure = found.best is not None and found.best.certainty >= VERDICT.certain
     own = any(name_of(asset.path) == query.name for asset in query.among)
     row: Record = {"kind": query.kind, "query": query.name, "first": name, "refused": bool(found.refusal)}
     row |= {"set": "tuning" if query.name.partition("/")[0] in TUNING_PACKS else "judging"}

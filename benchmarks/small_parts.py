@@ -15,7 +15,7 @@ import zoomout_core as zo
 from benchmarks.datasets import CORRESPONDENCE, PairOfParts
 from benchmarks.tables import Record, Tables
 from zoomout_core.arrays import Integers
-from zoomout_core.matching.report.notes import SURE_CERTAINTY
+from zoomout_core.matching.report.verdict import VERDICT
 from zoomout_core.mesh.formats.files import read_surface
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import edge_graph
@@ -143,7 +143,7 @@ def _rows(records: list[Record]) -> list[Record]:
     rows = []
     for name, limb in dict.fromkeys((record["set"], record["limb"]) for record in records):
         chosen = [record for record in records if (record["set"], record["limb"]) == (name, limb)]
-        sure = [record for record in chosen if record["certainty"] >= SURE_CERTAINTY]
+        sure = [record for record in chosen if record["certainty"] >= VERDICT.certain]
         errors = [record["error"] for record in chosen]
         rows.append(
             {

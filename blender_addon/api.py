@@ -92,7 +92,8 @@ from .scene import landmarks
 from .scene.landmarks import LandmarkPairs, landmark_pairs
 from .services.bake import Baking, bake_textures
 from .services.check_motion import check_motion
-from .services.dress import Dressing, dress
+from .services.dressing.dress import dress
+from .services.dressing.read import Dressing
 from .services.key_names import rename_shape_keys
 from .services.library import append_source, find_source
 from .services.live_link import keep_linked, update_linked

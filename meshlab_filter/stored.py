@@ -28,7 +28,7 @@ class Correspondence:
     Attributes:
         surface_map: the map from target vertices to points on the source.
         confidence: (n_t,) in [0, 1].
-        has_partner: (n_t,) whether a vertex has a counterpart on the source; None if unknown.
+        has_partner: (n_t,) whether a vertex has a partner on the source; None if unknown.
     """
 
     surface_map: SurfaceMap

@@ -134,7 +134,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         copies = [copy_of_tree(Path(folder) / str(number)) for number in range(arguments.jobs)]
         tally: dict[str, Counter[bool]] = {}
-        for module, line in modules_of(arguments.rooms):
+        for module, line in modules_of(arguments.places):
             tests = tests_of(module, copies[0], arguments.slowest)
             if tests.seconds is None:
                 say(f"{module}: no test is near it that passes and takes at most {arguments.slowest:g} s")
@@ -153,7 +153,7 @@ def main() -> None:
 def parse(words: Sequence[str]) -> argparse.Namespace:
     summary = (__doc__ or "").partition("\n")[0]
     parser = argparse.ArgumentParser(prog="make mutants", description=summary)
-    parser.add_argument("rooms", nargs="+", help="folders, modules, or lines of modules (MODULE:LINE)")
+    parser.add_argument("places", nargs="+", help="folders, modules, or lines of modules (MODULE:LINE)")
     parser.add_argument("--sample", type=int, default=8, help="mutants of each module (default: 8)")
     parser.add_argument("--seed", type=int, default=0, help="of the draw (default: 0)")
     parser.add_argument("--slowest", type=float, default=1.0, help="seconds that a test may take (default: 1)")
@@ -170,11 +170,11 @@ def copy_of_tree(folder: Path) -> Path:
     return folder
 
 
-def modules_of(rooms: Sequence[str]) -> list[tuple[str, int | None]]:
+def modules_of(places: Sequence[str]) -> list[tuple[str, int | None]]:
     """The modules in some folders by their paths from the root, each with a line if one is given."""
     found: list[tuple[str, int | None]] = []
-    for room in rooms:
-        name, _, line = room.partition(":")
+    for place in places:
+        name, _, line = place.partition(":")
         path = (ROOT / name).resolve()
         if not path.exists() or not path.is_relative_to(ROOT):
             sys.exit(f"{name} is no folder and no module of this tree.")
@@ -187,7 +187,7 @@ def nearest_tests(module: str, root: Path = ROOT) -> list[str]:
     """The test files that import a module or are named after it; otherwise those in the corresponding folder."""
     path = Path(module).with_suffix("")
     dotted, of_core = ".".join(path.parts), path.parts[0] == "zoomout_core"
-    own, rooms = root / "tests" / ("core" if of_core else ""), ("core" if of_core else "**", *path.parts[1:-1])
+    own, folders = root / "tests" / ("core" if of_core else ""), ("core" if of_core else "**", *path.parts[1:-1])
     imports = re.compile(
         rf"{re.escape(dotted)}\b|from {re.escape(dotted.rpartition('.')[0])} import [^\n]*\b{path.name}\b"
     )
@@ -198,9 +198,9 @@ def nearest_tests(module: str, root: Path = ROOT) -> list[str]:
         if (file.stem.startswith(f"test_{path.name}") and file.is_relative_to(own))
         or imports.search(file.read_text(encoding="utf-8"))
     ]
-    while not near and rooms:
-        near = sorted(root.glob("/".join(("tests", *rooms, "test_*.py"))))
-        rooms = rooms[:-1]
+    while not near and folders:
+        near = sorted(root.glob("/".join(("tests", *folders, "test_*.py"))))
+        folders = folders[:-1]
     return [str(file.relative_to(root)) for file in near]
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from zoomout_core.matching.option_table import ACCURACY, MATCHING, NEAREST, RESULT, Door, Kind, Option
+from zoomout_core.matching.option_table import ACCURACY, MATCHING, NEAREST, RESULT, Interface, Kind, Option
 from zoomout_core.matching.presets import DETAIL, sizes_in_words
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "options.md"
@@ -36,8 +36,11 @@ def page(text: str) -> str:
 
 
 def _options(options: Sequence[Option]) -> str:
-    rows = ([*(_name(option, door) for door in Door), _values(option), f"{option.help}."] for option in options)
-    return _table([*(door.value for door in Door), "Values", "Meaning"], rows)
+    rows = (
+        [*(_name(option, interface) for interface in Interface), _values(option), f"{option.help}."]
+        for option in options
+    )
+    return _table([*(interface.value for interface in Interface), "Values", "Meaning"], rows)
 
 
 def _choices(options: Sequence[Option]) -> str:
@@ -45,7 +48,11 @@ def _choices(options: Sequence[Option]) -> str:
     for option in options:
         if option.choices:
             rows = (
-                [f"`{choice.name}`", ", ".join(door.value for door in option.doors_of(choice)), f"{choice.help}."]
+                [
+                    f"`{choice.name}`",
+                    ", ".join(interface.value for interface in option.interfaces_of(choice)),
+                    f"{choice.help}.",
+                ]
                 for choice in option.choices
             )
             found += f"\nValues of `{option.name}`:\n\n{_table(['Value', 'Offered by', 'Meaning'], rows)}\n"
@@ -55,11 +62,11 @@ def _choices(options: Sequence[Option]) -> str:
     return found
 
 
-def _name(option: Option, door: Door) -> str:
-    if door not in option.doors:
+def _name(option: Option, interface: Interface) -> str:
+    if interface not in option.interfaces:
         return ""
-    name = option.name_at(door)
-    return f"*{name}*" if door is Door.BLENDER else f"`{name}`"
+    name = option.name_in(interface)
+    return f"*{name}*" if interface is Interface.BLENDER else f"`{name}`"
 
 
 def _values(option: Option) -> str:

@@ -21,7 +21,7 @@ from zoomout_core.matching.option_table import (
     MATCHING,
     OPTIONS,
     RESULT,
-    Door,
+    Interface,
     Kind,
     Option,
     select_options,
@@ -186,7 +186,7 @@ def table_options(options: Sequence[Option], starts: Sequence[str] = ()) -> Call
     """The options of a table that are available on the command line, and further starts of a match."""
 
     def with_options(command: Any) -> Any:
-        for option in reversed(select_options(options, Door.COMMAND_LINE)):
+        for option in reversed(select_options(options, Interface.COMMAND_LINE)):
             command = table_option(option, starts)(command)
         return command
 
@@ -195,7 +195,7 @@ def table_options(options: Sequence[Option], starts: Sequence[str] = ()) -> Call
 
 def table_option(option: Option, starts: Sequence[str] = ()) -> Callable[[Any], Any]:
     """The command-line option of a row of the table, and further starts of a match."""
-    flag = option.name_at(Door.COMMAND_LINE)
+    flag = option.name_in(Interface.COMMAND_LINE)
     if option.kind is Kind.FLAG:
         names = f"{flag}/--no-{flag.removeprefix('--')}" if option.default else flag
         return click.option(names, option.name, is_flag=True, default=option.default, help=_help_of(option, starts))
@@ -208,7 +208,7 @@ def table_option(option: Option, starts: Sequence[str] = ()) -> Callable[[Any], 
 def _values_of(option: Option) -> dict[str, Any]:
     """Arguments for click that describe an option's values."""
     if option.kind is Kind.CHOICE:
-        return {"type": click.Choice([choice.name for choice in option.choices_at(Door.COMMAND_LINE)])}
+        return {"type": click.Choice([choice.name for choice in option.choices_in(Interface.COMMAND_LINE)])}
     if option.kind is Kind.START:
         return {"type": str}
     if option.kind is Kind.COUNT:
@@ -227,7 +227,7 @@ def _help_of(option: Option, starts: Sequence[str]) -> str:
     if option.starts == ("nearest",):
         text = f"With --initial nearest: {text[0].lower()}{text[1:]}"
     if option.kind is Kind.START:
-        choices = ", ".join([*(choice.name for choice in option.choices_at(Door.COMMAND_LINE)), *starts])
+        choices = ", ".join([*(choice.name for choice in option.choices_in(Interface.COMMAND_LINE)), *starts])
         text += f": {choices}, or a map.npz written by `zoomout match`"
     elif option.kind is Kind.ANGLE:
         text += ", in degrees"
@@ -272,11 +272,13 @@ def read_options(
         wish = "--earlier-map" if earlier_map else "--common-axis"
         raise OptionError(f"{wish} is evidence for --initial auto, not for {initial}: leave one of them out.")
     for text in common_axes:
-        check_axis(text, OPTIONS["common_axes"].name_at(Door.COMMAND_LINE))
+        check_axis(text, OPTIONS["common_axes"].name_in(Interface.COMMAND_LINE))
     files = {"landmarks": landmarks, "initial_map": earlier_map, "common_axes": list(common_axes) or None}
     if initial not in STARTS:
         files["initial_map"], initial = initial, "given"
-    return read_values({"initial": initial, "exact_landmarks": exact_landmarks, **files, **others}, Door.COMMAND_LINE)
+    return read_values(
+        {"initial": initial, "exact_landmarks": exact_landmarks, **files, **others}, Interface.COMMAND_LINE
+    )
 
 
 def files_of_options(options: Mapping[str, Any]) -> list[str]:

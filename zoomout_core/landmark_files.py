@@ -190,10 +190,10 @@ def _write_csv(landmarks: LandmarkSet) -> str:
     named = any(landmarks.names)
     at = ["x", "y", "z"] if landmarks.vertices is None else ["vertex"]
     rows = landmarks.points if landmarks.vertices is None else landmarks.vertices[:, None]
-    sure = landmarks.confidence
-    lines = [[*(["name"] if named else []), *at, *([] if sure is None else ["confidence"])]]
+    known = landmarks.confidence
+    lines = [[*(["name"] if named else []), *at, *([] if known is None else ["confidence"])]]
     for number, (name, row) in enumerate(zip(landmarks.names, rows.tolist(), strict=True)):
-        confidence = [] if sure is None else [f"{sure[number]:.3f}"]
+        confidence = [] if known is None else [f"{known[number]:.3f}"]
         lines.append([*([_cell(name)] if named else []), *map(repr, row), *confidence])
     return "".join(f"{','.join(line)}\n" for line in lines)
 

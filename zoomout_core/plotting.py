@@ -115,7 +115,7 @@ def show_map(source: ShapeLike, target: ShapeLike, result: Match | SurfaceMap, f
 def plot_confidence(
     target: ShapeLike, result: Match, sides: int = 2, figure: Figure | SubFigure | None = None
 ) -> Figure:
-    """Draw the target coloured by confidence, from red for none to blue; violet areas have no counterpart.
+    """Draw the target coloured by confidence, from red for none to blue; violet areas have no partner.
 
     Args:
         target: the shape that was matched.

@@ -11,7 +11,7 @@ import numpy as np
 from zoomout_core.arrays import Floats, Integers, RealsOrIntegers
 from zoomout_core.maps.surface_map import read_vertex_map
 from zoomout_core.matching.constraints import check_axes
-from zoomout_core.matching.option_table import OPTIONS, Door, Kind, Option
+from zoomout_core.matching.option_table import OPTIONS, Interface, Kind, Option
 from zoomout_core.mesh.formats.opening import existing, file_bytes
 from zoomout_core.mesh.formats.text_tables import text_lines
 from zoomout_core.mesh.surface import MeshError
@@ -20,25 +20,25 @@ STARTS = ("auto", "landmarks", "proximity")
 AXES = {"x": "1,0,0", "y": "0,1,0", "z": "0,0,1", "-x": "-1,0,0", "-y": "0,-1,0", "-z": "0,0,-1"}
 
 
-def read_values(values: Mapping[str, Any], door: Door) -> dict[str, Any]:
+def read_values(values: Mapping[str, Any], interface: Interface) -> dict[str, Any]:
     """Read the files and directions among the options of a match, by name of the option table; arrays stay unchanged.
 
-    The door is the interface that they were given to, for errors.
+    Errors name the options as in the interface.
 
     Raises:
         MeshError: a file or a direction is invalid.
     """
-    return {name: _read_value(OPTIONS[name], value, door) for name, value in values.items()}
+    return {name: _read_value(OPTIONS[name], value, interface) for name, value in values.items()}
 
 
-def _read_value(option: Option, value: Any, door: Door) -> Any:
+def _read_value(option: Option, value: Any, interface: Interface) -> Any:
     if option.kind is Kind.LANDMARKS and isinstance(value, str):
         return read_landmarks(value)
     if option.kind is Kind.MAP and isinstance(value, str):
         return read_vertex_map(value)
     words = [value] if isinstance(value, str) else value
     if option.kind is Kind.DIRECTIONS and isinstance(words, list) and all(isinstance(word, str) for word in words):
-        return [read_axis(word, option.name_at(door)) for word in words]
+        return [read_axis(word, option.name_in(interface)) for word in words]
     return value
 
 

@@ -19,8 +19,8 @@ from benchmarks.characters.figures import dominant, figures
 from benchmarks.characters.game import Character, read_character
 from benchmarks.characters.table import Row, over
 from benchmarks.characters.truth import Bones, Rest, bones_of
-from zoomout_core.matching.report.notes import SURE_CERTAINTY
-from zoomout_core.symmetry.flip_name import counterpart_of
+from zoomout_core.matching.report.verdict import VERDICT
+from zoomout_core.symmetry.flip_name import partner_of
 
 # The kinds of cases: a character at rest, posed, and the clothes of a body.
 AT_REST, POSED, WORN = "at rest", "posed", "worn"
@@ -55,7 +55,7 @@ def mirrored_bones(character: Character) -> Bones:
     The truth is unknown at vertices moved by a sided bone without a partner, such as a weapon's.
     """
     truth = bones_of(character, character, character.rest)
-    names = [counterpart_of(name, truth.names) for name in truth.names]
+    names = [partner_of(name, truth.names) for name in truth.names]
     partner = np.array([truth.names.index(name) if name in truth.names else i for i, name in enumerate(names)])
     lone = truth.side[partner] != -truth.side
     return replace(truth, target=np.where(lone[partner], 0, truth.source[:, partner]))
@@ -117,7 +117,7 @@ def symmetry_rows(records: list[Row]) -> list[Row]:
     rows = []
     for kind in dict.fromkeys(record["characters"] for record in records):
         chosen = [record for record in records if record["characters"] == kind]
-        sure = [record for record in chosen if record["certainty"] >= SURE_CERTAINTY]
+        sure = [record for record in chosen if record["certainty"] >= VERDICT.certain]
         rows.append(
             {
                 "characters": kind,

@@ -12,7 +12,7 @@ import numpy as np
 import zoomout_core as zo
 from benchmarks.characters.cases import Case
 from benchmarks.characters.figures import Figures, figures, nearest_in_space
-from zoomout_core.matching.report.notes import SURE_CERTAINTY
+from zoomout_core.matching.report.verdict import VERDICT
 
 Row: TypeAlias = dict[str, Any]
 
@@ -64,8 +64,8 @@ def _sum_up(kind: str, rows: list[Row]) -> Row:
         "cases": len(rows),
         "right": sum(row["right"] for row in rows),
         "behind DT": sum(row["behind"] for row in rows),
-        "sure and wrong": sum(row["certainty"] >= SURE_CERTAINTY and not row["right"] for row in rows),
-        "sure": sum(row["certainty"] >= SURE_CERTAINTY for row in rows),
+        "sure and wrong": sum(row["certainty"] >= VERDICT.certain and not row["right"] for row in rows),
+        "sure": sum(row["certainty"] >= VERDICT.certain for row in rows),
         "worst limb": over(min, rows, "limb"),
         "median limb": over(np.median, rows, "limb"),
         "worst dom": over(min, rows, "dom"),

@@ -78,7 +78,7 @@ class Changed:
 def write_partial(output: Path, data: Iterable[Path], seed: int, count: int) -> None:
     """Write pairs of a changed mesh and a whole one of another pose, and `partial.npz`.
 
-    The latter lists for each mesh which of its vertices (n,) have no counterpart on the other mesh of the pair.
+    The latter lists for each mesh which of its vertices (n,) have no partner on the other mesh of the pair.
 
     Args:
         output: folder of the set.

@@ -15,7 +15,7 @@ from benchmarks.official.measure import Setting
 from benchmarks.official.records import sets_in
 from benchmarks.tables import Record, Tables, as_markdown, over
 from zoomout_core.arrays import Floats
-from zoomout_core.matching.report.notes import SURE_CERTAINTY
+from zoomout_core.matching.report.verdict import VERDICT
 
 OURS = "zo.match"
 SETTINGS = [Setting(rotate, scale).name for scale in (False, True) for rotate in (False, True)]
@@ -97,7 +97,7 @@ def as_page(folder: Path) -> str:
         "of the source's area, times 100; the mean over a pair's vertices, then over pairs.",
         f"- *success*: pairs with an error below {ISOMETRIC_LIMIT / 10:.0f}, or {NON_ISOMETRIC_LIMIT / 10:.0f} where "
         "shapes are of different species.",
-        f"- *certain*: pairs with a certainty of at least {100 * SURE_CERTAINTY:.0f} %.",
+        f"- *certain*: pairs with a certainty of at least {100 * VERDICT.certain:.0f} %.",
         "- *mIoU*: intersection over union, by vertices of the target, of the region that has a partner by the result "
         "and by the truth, in percent.",
         "- *seconds*: of a whole match, without reading files; median and 95 % quantile. *processor seconds*: the "
@@ -180,7 +180,7 @@ def _limit(about: Record) -> float:
 
 
 def _certain(records: Sequence[Record]) -> list[Record]:
-    return [record for record in records if record["certainty"] >= SURE_CERTAINTY]
+    return [record for record in records if record["certainty"] >= VERDICT.certain]
 
 
 def _certainty(records: Sequence[Record], certain: Sequence[Record]) -> Record:

@@ -58,13 +58,17 @@ def maps_without(result: MatchResult) -> dict[str, Integers]:
 def _with_other_hypotheses(pair: Pair) -> dict[str, Candidate]:
     """The best candidate without each source of hypotheses (if any hypotheses remain), and without anchors."""
     shapes = pair.source_shape, pair.target_shape
-    by_source = {name: guess(*shapes) for name, guess in SOURCES.items()}
+    by_source = {name: generate(*shapes) for name, generate in SOURCES.items()}
     pools: dict[str, list[Hypothesis]] = {
-        f"without {left_out}": [guess for name, guesses in by_source.items() if name != left_out for guess in guesses]
+        f"without {left_out}": [
+            hypothesis for name, hypotheses in by_source.items() if name != left_out for hypothesis in hypotheses
+        ]
         for left_out in SOURCES
     }
-    pools["without anchors"] = [replace(guess, anchors=None) for guesses in by_source.values() for guess in guesses]
-    return {name: rank(guesses, *shapes)[0] for name, guesses in pools.items() if guesses}
+    pools["without anchors"] = [
+        replace(hypothesis, anchors=None) for hypotheses in by_source.values() for hypothesis in hypotheses
+    ]
+    return {name: rank(hypotheses, *shapes)[0] for name, hypotheses in pools.items() if hypotheses}
 
 
 def _with_other_scores(result: MatchResult) -> dict[str, Candidate]:

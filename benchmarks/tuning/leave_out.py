@@ -28,8 +28,8 @@ from zoomout_core.arrays import Floats
 from zoomout_core.geometry.procrustes import procrustes
 from zoomout_core.matching import pipeline, retry
 from zoomout_core.matching.components.similarity_field import SimilarityField
-from zoomout_core.matching.hypotheses import guess
-from zoomout_core.matching.report.notes import SURE_CERTAINTY
+from zoomout_core.matching.hypotheses import collect
+from zoomout_core.matching.report.verdict import VERDICT
 
 # Mean error, relative to the square root of the source's area, above which a map counts as wrong.
 LIMIT = 0.08
@@ -129,7 +129,7 @@ def _rows(records: list[Record]) -> list[Record]:
                 "mean error": float(np.nanmean(error)),
                 "worst error": float(np.nanmax(error)),
                 "certainty %": 100 * float(certainty.mean()),
-                "sure and wrong %": 100 * float(np.mean(is_wrong & (certainty >= SURE_CERTAINTY))),
+                "sure and wrong %": 100 * float(np.mean(is_wrong & (certainty >= VERDICT.certain))),
                 "seconds": float(np.mean([record["seconds"] for record in group])),
             }
         )
@@ -241,12 +241,12 @@ def _no_turns(candidates: Any, *_: Any) -> list[Any]:
 def _rigid(motion: SimilarityField, points: Floats, normals: Floats) -> tuple[Floats, Floats, Floats]:
     """A replacement of `SimilarityField.carry`: one similarity for all."""
     fit = procrustes(motion.places, motion.images, motion.basis.areas, motion.handedness)
-    return fit(points), normals @ fit.rotation.T, np.full(len(points), float(motion.trust.mean()))
+    return fit(points), normals @ fit.rotation.T, np.full(len(points), float(motion.confidence.mean()))
 
 
 LEFT_OUT = (
     LeftOut("rotational symmetry", _round, ((pipeline, "with_turned", _no_turns), (retry, "with_turned", _no_turns))),
-    LeftOut("sign hypotheses", _without_extremities, ((guess, "sign_hypotheses", lambda *_: []),)),
+    LeftOut("sign hypotheses", _without_extremities, ((collect, "sign_hypotheses", lambda *_: []),)),
     LeftOut("unknown scale", _parts_in_other_units, ((retry, "match_at_unknown_scale", lambda *_: None),)),
     LeftOut("similarity field", _of_many_parts, ((SimilarityField, "carry", _rigid),)),
 )

@@ -164,7 +164,7 @@ class TransferJob:
 
     @cached_property
     def kept(self) -> Booleans:
-        """(n_t,) which vertices of the target keep their data, because they have no counterpart on the source."""
+        """(n_t,) which vertices of the target keep their data, because they have no partner on the source."""
         has_partner = self.match.has_partner
         if has_partner is None or self.settings.without_partner == "fill":
             return np.zeros(len(self.match.confidence), dtype=bool)

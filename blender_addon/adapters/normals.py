@@ -48,8 +48,8 @@ class NormalAdapter:
         if not self.alone and len(triangle) >= MUCH_FINER * len(np.unique(triangle)):
             self.omitted = True
             job.remarks.skipped[message("custom normals")] = (
-                "the target is much finer, and the source's facets would show as streaks; transfer nothing but Custom "
-                "Normals to have them all the same"
+                "the target is much finer, and the source's facets would show as streaks; transfer only Custom "
+                "Normals to get them anyway"
             )
             return
         job.note_replaced(message("custom normals"))

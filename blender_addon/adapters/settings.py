@@ -10,13 +10,13 @@ from typing import Literal
 from bpy.types import Object
 
 import zoomout_core as zo
-from zoomout_core.symmetry.flip_name import counterpart_of
+from zoomout_core.symmetry.flip_name import partner_of
 from zoomout_core.transfer import Blend, Mode
 
 from .. import mesh_data
 
 # Below this confidence, values are filled in. There, mapped values are nearer to the truth as often as filled ones, and
-# above it more often. Parts without a counterpart on the source, such as a tail that only the target has, are below.
+# above it more often. Parts without a partner on the source, such as a tail that only the target has, are below.
 FILL_BELOW = 0.05
 
 
@@ -26,7 +26,7 @@ class Settings:
 
     Attributes:
         fill_below: numbers, colours and weights of less confidence than this are filled in from around them.
-        without_partner: how vertices without a counterpart on the source are treated. "fill": they are filled in from
+        without_partner: how vertices without a partner on the source are treated. "fill": they are filled in from
             around them. "keep": they keep their data.
         mode: how values are blended with the target's own, see `Blend`.
         factor: weight of the transferred values.
@@ -51,7 +51,7 @@ class Settings:
         """A source group's name on the target; `names` are those of all groups and bones of the source."""
         if group in self.group_names:
             return self.group_names[group]
-        return counterpart_of(group, names) if self.flip_names else group
+        return partner_of(group, names) if self.flip_names else group
 
     def blend(self, target: Object) -> Blend:
         """How to blend values with a target's own.

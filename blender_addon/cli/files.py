@@ -24,7 +24,7 @@ from ..properties.dress import DressOptions
 from ..properties.transfer import BindOptions, BlendOptions
 from ..services.carry import carry as carry_file
 from ..services.carry import read_file
-from ..services.dress import Dressing
+from ..services.dressing.read import Dressing
 from ..services.expressions import Review, has_keys, review_expressions
 from ..services.key_names import rename_shape_keys
 from ..services.library import asset_libraries, read_assets

@@ -17,8 +17,9 @@ from ..properties.match import MatchOptions
 from ..properties.transfer import BindOptions, BlendOptions
 from ..properties.wrap import WrapOptions
 from ..scene.selection import worn_names
-from ..services.binding import hide_sources
-from ..services.dress import Dressing, prepare_dress
+from ..services.binding.write import hide_sources
+from ..services.dressing.dress import prepare_dress
+from ..services.dressing.read import Dressing
 from ..services.matching.collection_match import check_verdicts, match_collections_async
 from ..services.matching.match import prepare_match
 from ..services.targets import Write, each_target
@@ -29,7 +30,7 @@ from .arguments import as_in_sidebar
 
 Result = TypeVar("Result")
 
-GIVE_FORCE = "To use this match all the same, give --force."
+GIVE_FORCE = "To use this match anyway, give --force."
 
 
 def match(context: Context, options: argparse.Namespace) -> dict[str, Any]:

@@ -24,7 +24,7 @@ from .normals import CUSTOM_NORMAL
 MAX_UV_MAPS = 8
 # The attributes of a stored match: triangle of the source, barycentric coordinates and confidence of each vertex.
 MATCH_ATTRIBUTES = ("zoomout_triangle", "zoomout_barycentric", "zoomout_confidence")
-# A further attribute of newer matches: whether a vertex has a counterpart on the source.
+# A further attribute of newer matches: whether a vertex has a partner on the source.
 HAS_PARTNER = "zoomout_has_partner"
 # Prefix of the names of the attributes that store a mesh's own symmetry.
 SYMMETRY_ATTRIBUTES = ".zoomout_symmetry_"

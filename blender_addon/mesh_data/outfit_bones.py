@@ -225,7 +225,7 @@ def _copy_settings(bone: Bone, made: EditBone) -> None:
 
 
 def _copy_constraints(source: Object, target: Object, name: str, pairs: Mapping[str, str]) -> None:
-    """Copy the constraints of a bone; those on the source armature act on the counterparts in the target."""
+    """Copy the constraints of a bone; those on the source armature act on the partners in the target."""
     constraints = target.pose.bones[name].constraints
     for earlier in list(constraints):
         constraints.remove(earlier)

@@ -14,7 +14,7 @@ from ..properties.match import MatchOptions
 from ..properties.settings import SourceName, take_settings
 from ..properties.transfer import BLENDING, NAMING, BindOptions, BindView, BlendOptions
 from ..scene.selection import sources_of_targets
-from ..services.binding import hide_sources
+from ..services.binding.write import hide_sources
 from ..services.targets import Write, each_target
 from ..services.transfer import done, prepare_transfer
 from ..viewport import preview

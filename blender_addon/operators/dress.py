@@ -15,7 +15,8 @@ from ..properties.match import MatchOptions
 from ..properties.once import ONCE
 from ..properties.settings import SourceName, take_settings
 from ..scene.selection import select_only, source_of_worn, worn_names
-from ..services.dress import Dressing, prepare_dress, summary
+from ..services.dressing.dress import prepare_dress, summary
+from ..services.dressing.read import Dressing
 from ..services.targets import WRITING
 from ..viewport import preview
 from .modal_operator import ModalOperator

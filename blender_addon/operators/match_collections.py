@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Match each mesh of a collection with its counterpart in another one."""
+"""Match each mesh of a collection with its partner in another one."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class ZOOMOUT_OT_match_collections(ModalOperator):
     bl_label = "Match Collections"
     bl_description = (
         "Match two characters that consist of several meshes, such as body, eyes and clothes. Each mesh of the "
-        "target collection is matched to its counterparts in the source collection; similar names help"
+        "target collection is matched to its partners in the source collection; similar names help"
     )
     bl_options = {"REGISTER", "UNDO"}
 

@@ -44,8 +44,8 @@ class ModalOperator(Operator):
 
     @property
     def remedy(self) -> Message:
-        """How to use a match that is probably wrong all the same: it is stored now."""
-        return message("To use this match all the same, press {button}.", button=as_message(self.bl_label))
+        """How to use a match that is probably wrong anyway: it is stored now."""
+        return message("To use this match anyway, press {button}.", button=as_message(self.bl_label))
 
     def report_failed(self, outcome: Outcome[Any]) -> None:
         """Warn about each target that was left out.

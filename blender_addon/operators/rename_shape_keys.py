@@ -29,7 +29,7 @@ class ZOOMOUT_OT_rename_shape_keys(ModalOperator):
     bl_label = "Rename Shape Keys"
     bl_description = (
         "Rename the shape keys of the active mesh to the names of another convention, and list those that are missing. "
-        "Drivers and animations follow; keys without a counterpart keep their names"
+        "Drivers and animations follow; keys without a partner keep their names"
     )
     bl_options = {"REGISTER", "UNDO"}
 

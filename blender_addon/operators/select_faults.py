@@ -61,7 +61,7 @@ class ZOOMOUT_OT_select_without_partner(SelectOperator):
     bl_idname = "zoomout.select_without_partner"
     bl_label = "Select Without Partner"
     bl_description = (
-        "Select the vertices of the active mesh and of the source that have no counterpart on the other mesh, to "
+        "Select the vertices of the active mesh and of the source that have no partner on the other mesh, to "
         "check them in Edit Mode"
     )
     what = WITHOUT_PARTNER

@@ -12,7 +12,7 @@ class ZOOMOUT_PG_found_source(PropertyGroup):
     """A file that was found; its `name` is its path."""
 
     line: StringProperty(name="Result", description="Name of the file, and how well it fits")
-    fits: BoolProperty(name="Fits", description="Whether the file may be a source for the target")
+    fits: BoolProperty(name="Fits", description="Whether the file fits the target well enough to be its source")
 
 
 class LibrarySettings:

@@ -8,12 +8,12 @@ from typing import Any
 
 from bpy.props import BoolProperty, StringProperty
 
-from zoomout_core.matching.option_table import OPTIONS, Door, Option, select_options
+from zoomout_core.matching.option_table import OPTIONS, Interface, Option, select_options
 
 from .once import ONCE
 from .option_property import argument, option_property
 
-OFFERED = select_options(tuple(OPTIONS.values()), Door.BLENDER)
+OFFERED = select_options(tuple(OPTIONS.values()), Interface.BLENDER)
 
 
 def options_of_panel(panel: str, initial: str) -> tuple[Option, ...]:

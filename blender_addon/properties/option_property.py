@@ -8,7 +8,7 @@ from typing import Any
 
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, StringProperty
 
-from zoomout_core.matching.option_table import Door, Kind, Option
+from zoomout_core.matching.option_table import Interface, Kind, Option
 
 from ..translations import CONTEXT
 from .once import ONCE
@@ -20,7 +20,9 @@ def option_property(option: Option) -> Any:
     ends = {"min": option.minimum, "max": option.maximum, "soft_max": option.soft_maximum}
     limits = {name: end for name, end in ends.items() if end is not None}
     if option.kind in (Kind.START, Kind.CHOICE):
-        items = tuple((choice.name.upper(), choice.label, choice.help) for choice in option.choices_at(Door.BLENDER))
+        items = tuple(
+            (choice.name.upper(), choice.label, choice.help) for choice in option.choices_in(Interface.BLENDER)
+        )
         return EnumProperty(**named, items=items, default=option.default.upper(), translation_context=CONTEXT)
     if option.kind is Kind.FLAG:
         return BoolProperty(**named, default=option.default)

@@ -107,7 +107,7 @@ class BlendOptions:
     )
     without_partner: EnumProperty(
         name="No Partner",
-        description="How to treat parts of the target without a counterpart on the source",
+        description="How to treat parts of the target without a partner on the source",
         items=(
             (
                 "FILL",

@@ -10,6 +10,7 @@ import bpy
 from bpy.types import Context, Depsgraph, Object
 
 import zoomout_core as zo
+from zoomout_core.maps.known_match import KnownMatch
 from zoomout_core.messages import warning
 from zoomout_core.runtime.outputs import check_output, is_same_file
 
@@ -19,7 +20,8 @@ from ..jobs import Work, run
 from ..scene.files import Brought, keep_as_blend, open_scene, shown_meshes
 from ..scene.pair import find_mesh, fingerprint_source, fingerprint_target
 from ..storage import stored_candidates, stored_match
-from .matching.collection_match import KnownMatch, Parts, check_verdicts, prepare_parts
+from .matching.collection_match import check_verdicts, prepare_parts
+from .matching.joined_match import Parts
 from .targets import Outcome, Write, each_target
 from .transfer import prepare_transfer
 

@@ -17,14 +17,14 @@ from ..jobs import compute, run
 from ..mesh_data.matrices import transform_points, world_matrix
 from ..scene.pair import find_mesh
 from ..scene.stored_pair import read_stored_match
-from .binding import read_rigged, weights_of_bones
+from .binding.read import read_rigged, weights_of_bones
 
 # The upward direction of Blender's world.
 UP = np.array([0.0, 0.0, 1.0])
 
 
 def check_motion(context: Context, target: Object) -> MotionCheck:
-    """Compare how a target plays the animation of its rig with how its source does, in lengths of the legs of each.
+    """Compare how a target plays the animation of its rig with how its source does, in leg lengths of each.
 
     Both armatures are played in a temporary scene with all constraints; nothing is changed.
 

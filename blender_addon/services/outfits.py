@@ -27,9 +27,11 @@ from ..mesh_data import Bones
 from ..scene.files import Brought, keep_as_blend, open_scene, save_scene, shown_meshes
 from ..scene.pair import find_mesh, fingerprint_source, fingerprint_target
 from ..storage import stored_candidates, stored_match
-from .binding import weights_of_bones
-from .dress import Dressing, prepare_dress
-from .matching.collection_match import Parts, prepare_parts
+from .binding.read import weights_of_bones
+from .dressing.dress import prepare_dress
+from .dressing.read import Dressing
+from .matching.collection_match import prepare_parts
+from .matching.joined_match import Parts
 
 # Extensions of avatar files.
 ENDINGS = (BLEND, ".fbx", ".glb", ".gltf")

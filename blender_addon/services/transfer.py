@@ -44,9 +44,11 @@ from ..scene.pair import (
 )
 from ..scene.stored_pair import stored_pair
 from ..storage import stored_match, stored_report
-from .binding import Bound, check_binding, hide_sources, is_at_source, keep_match, prepare_binding, write_bound
+from .binding.bind import Bound, prepare_binding
+from .binding.check import check_binding
+from .binding.write import hide_sources, is_at_source, keep_match, write_bound
 from .constraints import check_options
-from .dress import take_to_rest
+from .dressing.dress import take_to_rest
 from .matching.candidates import store_match
 from .matching.made_match import CALL_WITH_FORCE, is_probably_wrong, make_match, push_match, store_and_stop
 from .targets import Write
@@ -198,7 +200,7 @@ async def prepare_transfer(
         binding: how to bind the target to the source's rig; None not to bind it.
         adjusted: whether this repeats the last transfer with other settings, and may reuse its undone match.
         force: whether to transfer along a new match that is probably wrong.
-        remedy: a sentence for the refusal of such a match: how to use it all the same.
+        remedy: a sentence for the refusal of such a match: how to use it anyway.
         undo_step: whether to push a step with a new match, so that undoing the transfer keeps it.
         match_options: options of `match_objects`.
     """

@@ -126,7 +126,7 @@ async def prepare_wrap(
         wrapping: how to wrap.
         adjusted: whether this repeats the last wrap with other settings, and may reuse its undone match.
         force: whether to use a new match that is probably wrong; else only the match is stored.
-        remedy: a sentence for the refusal of such a match: how to use it all the same.
+        remedy: a sentence for the refusal of such a match: how to use it anyway.
         match_options: options of `match_objects`.
     """
     check_options(match_options)

@@ -74,7 +74,7 @@ OF_BINDING = {
     STRETCHED: Kind(
         "Stretched",
         "Show where the bones of the rig stretch the mesh far more than the source",
-        "Red stretches far more than on the source",
+        "Red: stretches far more than on the source",
     )
 }
 OF_SYMMETRY = {

@@ -13,7 +13,7 @@ from meshlab_filter.mesh_data import Layer
 from meshlab_filter.parameters import CHOICE, COUNT, DATA, MESH, NUMBER, SWITCH, TEXT, Parameter
 from meshlab_filter.stored import Correspondence, read_stored
 from zoomout_core.matching import option_table
-from zoomout_core.matching.option_table import Door, Kind, Option, select_options
+from zoomout_core.matching.option_table import Interface, Kind, Option, select_options
 from zoomout_core.matching.presets import resolve_detail
 from zoomout_core.matching.report.part_report import name_components, notes_on_parts, part_figures
 from zoomout_core.mesh.named_parts import NamedParts
@@ -54,11 +54,11 @@ TYPES = {
 
 def parameters_of(options: Sequence[Option]) -> tuple[Parameter, ...]:
     """The parameters for rows of the option table."""
-    return tuple(_parameter(option) for option in select_options(options, Door.MESHLAB))
+    return tuple(_parameter(option) for option in select_options(options, Interface.MESHLAB))
 
 
 def _parameter(option: Option) -> Parameter:
-    choices = tuple(choice.name for choice in option.choices_at(Door.MESHLAB))
+    choices = tuple(choice.name for choice in option.choices_in(Interface.MESHLAB))
     unit = ", in degrees" if option.kind is Kind.ANGLE else ""
     return Parameter(option.name, TYPES.get(option.kind, DATA), option.default, f"{option.help}{unit}.", choices)
 
@@ -70,7 +70,7 @@ MATCHING = parameters_of((*option_table.MATCHING, *option_table.ACCURACY, *optio
 def match_layers(source: Layer, target: Layer, candidate: int, **matching: Any) -> zo.MatchResult:
     """Match two layers with the parameters MATCHING."""
     with portion(0.0, 0.85):
-        result = zo.match(source.shape, target.shape, **resolve_detail(**read_values(matching, Door.MESHLAB)))
+        result = zo.match(source.shape, target.shape, **resolve_detail(**read_values(matching, Interface.MESHLAB)))
     if candidate:
         with portion(0.85, 1.0):
             result = result.use(candidate)

@@ -56,7 +56,7 @@ def compute_correspondence_by_zoomout(
 
     It is stored on the target in the custom attributes NAME_triangle (index of the source's face),
     NAME_barycentric (coordinates in it), NAME_x, NAME_y and NAME_z (the same place in the source's own frame),
-    NAME_confidence (in [0, 1]) and NAME_has_partner (1, or 0 without a counterpart on the source). Nothing else
+    NAME_confidence (in [0, 1]) and NAME_has_partner (1, or 0 without a partner on the source). Nothing else
     changes.
 
     Returns:

@@ -20,7 +20,7 @@ with suppress(ImportError):
 
 import trimesh
 from creatures import creature
-from doors import Limit
+from interfaces import Limit
 
 
 @pytest.fixture(scope="module", autouse=True)

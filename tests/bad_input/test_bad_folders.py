@@ -11,7 +11,7 @@ from typing import Any
 
 import bpy
 import pytest
-from doors import assert_refused, run
+from interfaces import assert_refused, run
 
 import blender_addon
 from blender_addon import cli
@@ -20,7 +20,7 @@ from zoomout_core.cli import main as zoomout
 from zoomout_core.runtime import progress
 
 Pair = tuple[Path, Path]
-DOORS: dict[str, Callable[[Pair, Path], tuple[Any, ...]]] = {
+INTERFACES: dict[str, Callable[[Pair, Path], tuple[Any, ...]]] = {
     "zoomout match": lambda pair, folder: (zoomout, "match", *pair, "-o", folder / "map.npz"),
     "zoomout transfer onto several": lambda pair, folder: (
         *(zoomout, "transfer", *pair, pair[0].with_name("copy.ply"), "-o", folder),
@@ -55,10 +55,10 @@ def idle(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(progress, "_report", ContextVar("report", default=begun))
 
 
-@pytest.mark.parametrize("door", DOORS)
-def test_it_is_said_at_once(door: str, meshes: Pair, locked: Path) -> None:
+@pytest.mark.parametrize("interface", INTERFACES)
+def test_it_is_said_at_once(interface: str, meshes: Pair, locked: Path) -> None:
     (meshes[0].with_name("copy.ply")).write_bytes(meshes[1].read_bytes())
-    assert_refused(run(*DOORS[door](meshes, locked)), "locked is not writable: change its permissions")
+    assert_refused(run(*INTERFACES[interface](meshes, locked)), "locked is not writable: change its permissions")
     assert not list(locked.iterdir())
 
 

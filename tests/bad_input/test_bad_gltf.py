@@ -10,7 +10,7 @@ from time import process_time
 
 import pytest
 from broken_gltf import BROKEN, content_of, document
-from doors import assert_refused, run
+from interfaces import assert_refused, run
 
 import zoomout_core as zo
 from zoomout_core.cli import main

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from creatures import creature
-from doors import assert_refused, run
+from interfaces import assert_refused, run
 
 import zoomout_core as zo
 from zoomout_core.cli import main

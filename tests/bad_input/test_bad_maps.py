@@ -13,7 +13,7 @@ from time import process_time
 import numpy as np
 import pytest
 from creatures import creature
-from doors import assert_refused, run
+from interfaces import assert_refused, run
 
 import zoomout_core as zo
 from zoomout_core.cli import main

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from doors import Limit, assert_refused, contents, run
+from interfaces import Limit, assert_refused, contents, run
 
 from zoomout_core.cli import main as zoomout
 from zoomout_core.runtime.outputs import ABANDONED, OutputError, atomic_write, atomic_write_together, check_output

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import bpy
 import pytest
-from doors import Limit, contents
+from interfaces import Limit, contents
 
 import blender_addon
 from blender_addon import cli

@@ -9,8 +9,8 @@ import numpy as np
 import pymeshlab
 import pytest
 from click.testing import Result
-from doors import Limit, assert_refused, contents
-from doors import run as run_command
+from interfaces import Limit, assert_refused, contents
+from interfaces import run as run_command
 from PIL import Image
 
 from meshlab_filter.commands import main

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from broken_gltf import DATA, content_of, document
 from creatures import creature
-from doors import run
+from interfaces import run
 from scipy.sparse import csr_array
 
 import zoomout_core as zo

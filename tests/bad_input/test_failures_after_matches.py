@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from doors import Limit, add_colors, assert_refused, contents, run
+from interfaces import Limit, add_colors, assert_refused, contents, run
 
 import zoomout_core as zo
 from zoomout_core import map_files as maps

@@ -11,7 +11,7 @@ from time import process_time
 import numpy as np
 import pymeshlab
 import pytest
-from doors import run
+from interfaces import run
 from malformed import MALFORMED, OBJ, ODD_NUMBERS, TRIANGLE
 
 import zoomout_core as zo

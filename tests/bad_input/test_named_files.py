@@ -12,7 +12,7 @@ from time import perf_counter
 
 import pytest
 from broken_gltf import DATA, content_of, document
-from doors import contents, run
+from interfaces import contents, run
 from naming import CLIMBING, SECRET, make_pipe, with_image, with_library
 
 import zoomout_core as zo

@@ -9,7 +9,7 @@ from pathlib import Path
 import bpy
 import pymeshlab
 import pytest
-from doors import assert_refused, contents, run
+from interfaces import assert_refused, contents, run
 from naming import CLIMBING, SECRET, make_pipe, with_image, with_library
 
 import blender_addon

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 from broken_gltf import DATA, content_of, document
-from doors import assert_refused, contents, run
+from interfaces import assert_refused, contents, run
 from naming import SECRET as PNG
 from naming import with_library
 

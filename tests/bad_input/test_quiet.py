@@ -7,7 +7,7 @@ import json
 from pathlib import Path
 
 import pytest
-from doors import add_colors, run
+from interfaces import add_colors, run
 
 from zoomout_core.cli import main as zoomout
 

@@ -13,7 +13,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from creatures import creature
-from doors import add_colors, assert_refused, contents, run
+from interfaces import add_colors, assert_refused, contents, run
 from scipy.sparse import csr_array
 
 import zoomout_core as zo

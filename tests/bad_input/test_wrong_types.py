@@ -13,7 +13,7 @@ from zipfile import ZipFile
 import numpy as np
 import pytest
 from creatures import creature
-from doors import assert_refused, run
+from interfaces import assert_refused, run
 from scipy.sparse import csr_array
 
 import zoomout_core as zo

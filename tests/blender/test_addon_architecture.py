@@ -11,7 +11,7 @@ import blender_addon
 
 ADDON = Path(blender_addon.__file__).parent
 # Each may import those that stand before it.
-ROOMS = (
+LAYERS = (
     "translations",
     "colors",
     "jobs",
@@ -27,11 +27,11 @@ ROOMS = (
     "ui",
     "cli",
 )
-# Modules that start the add-on, or use it as a script does: none of the rooms imports these.
+# Modules that start the add-on, or use it as a script does: no layer imports these.
 OUTSIDE = ("__init__", "__main__", "api", "watch", "demo")
 
 
-def room(path: Path) -> str:
+def layer(path: Path) -> str:
     """The package that a module belongs to."""
     return path.relative_to(ADDON).with_suffix("").parts[0]
 
@@ -51,21 +51,21 @@ def imported_rooms(path: Path) -> Iterator[str]:
 
 
 def test_each_module_stands_in_a_room() -> None:
-    assert {room(path) for path in ADDON.rglob("*.py")} == {*ROOMS, *OUTSIDE}
+    assert {layer(path) for path in ADDON.rglob("*.py")} == {*LAYERS, *OUTSIDE}
 
 
 def test_rooms_import_those_before_them_only() -> None:
     wrong = [
         f"{path.relative_to(ADDON)} imports {other or 'blender_addon by its absolute name'}"
         for path in ADDON.rglob("*.py")
-        if room(path) in ROOMS
+        if layer(path) in LAYERS
         for other in imported_rooms(path)
-        if other not in ROOMS[: ROOMS.index(room(path)) + 1]
+        if other not in LAYERS[: LAYERS.index(layer(path)) + 1]
     ]
     assert not wrong
 
 
 def test_the_order_is_that_of_the_document() -> None:
     text = (ADDON.parent / "ARCHITECTURE.md").read_text(encoding="utf-8")
-    places = [text.index(f"| `blender_addon/{name}") for name in ROOMS]
+    places = [text.index(f"| `blender_addon/{name}") for name in LAYERS]
     assert places == sorted(places)

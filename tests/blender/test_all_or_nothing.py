@@ -32,7 +32,8 @@ from blender_addon.adapters import DATA
 from blender_addon.mesh_data import writing as room
 from blender_addon.mesh_data.surface_points import surface_point_of_vertex
 from blender_addon.scene.landmarks import set_landmark
-from blender_addon.services.dress import Dressing, prepare_dress
+from blender_addon.services.dressing.dress import prepare_dress
+from blender_addon.services.dressing.read import Dressing
 from blender_addon.services.matching.bend_match import bend_match_async
 from blender_addon.services.matching.seam_cut import cut_seams_async
 from blender_addon.services.symmetry.layers import mirror_attributes_async

@@ -611,7 +611,7 @@ def test_what_stretches_is_shown_by_colors_and_follows_undo(monkeypatch):
     bind(source, target, shape="keep_shape")
     activate(target)
     assert bpy.ops.zoomout.preview(kind="STRETCHED") == {"FINISHED"}
-    assert preview.current().legend == "Red stretches far more than on the source"
+    assert preview.current().legend == "Red: stretches far more than on the source"
     (shown,) = preview.current().overlays
     red = shown.values[:, 0] > shown.values[:, 1] + 0.3
     np.testing.assert_array_equal(red, stretched_vertices(target))

@@ -73,7 +73,7 @@ def scan(hero, request):
 
 
 @pytest.mark.slow(but=1)
-def test_each_part_is_matched_with_its_counterpart(hero, scan):
+def test_each_part_is_matched_with_its_partner(hero, scan):
     body, left, right = scan.objects
     found = match_collections(bpy.context, hero, scan)
     assert {name: source for name, (source, _) in found.items()} == {

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from guide import ROOT, follow
 
-# Each door is given a step of 7, which has to reach `match`.
+# Each interface is given a step of 7, which has to reach `match`.
 SCRIPT = """
 import sys
 

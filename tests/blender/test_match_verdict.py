@@ -98,7 +98,7 @@ def test_force_transfers_all_the_same(source, target, wrong, tmp_path, capsys):
 def test_the_operator_says_what_to_press_to_use_it_all_the_same(source, target, wrong):
     add_uv_map(source.data, "Layout")
     activate(target, source)
-    with pytest.raises(RuntimeError, match=r"To use this match all the same, press Transfer\."):
+    with pytest.raises(RuntimeError, match=r"To use this match anyway, press Transfer\."):
         bpy.ops.zoomout.transfer(k_final=30)
     assert bpy.ops.zoomout.transfer() == {"FINISHED"}
 

@@ -196,7 +196,7 @@ def test_dressing_again_replaces_the_bones():
     assert bpy.context.mode == "OBJECT"
 
 
-def test_bones_without_a_counterpart_are_reported():
+def test_bones_without_a_partner_are_reported():
     body, armature = source_and_rig()
     cloth = sleeve(armature)
     target, other = own_target(body, armature)

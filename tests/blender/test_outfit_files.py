@@ -15,7 +15,7 @@ from test_outfit_bones import OTHER_NAMES, own_target, tail_and_chain
 import zoomout_core as zo
 from blender_addon import cli
 from blender_addon.scene.files import open_scene, shown_meshes
-from blender_addon.services.dress import Dressing
+from blender_addon.services.dressing.read import Dressing
 from blender_addon.services.outfits import BlenderFiles
 from blender_addon.storage import stored_match
 from zoomout_core.geometry.closest_points import closest_points

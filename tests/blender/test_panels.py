@@ -28,7 +28,7 @@ from blender_addon.ui import panels
 from blender_addon.ui.panels import result, sidebar
 from blender_addon.ui.panels.sidebar import VERDICT_ICONS
 from blender_addon.viewport import preview
-from zoomout_core.matching.report.notes import UNSURE
+from zoomout_core.matching.report.notes import UNCERTAIN
 from zoomout_core.matching.report.verdict import judge
 from zoomout_core.messages import message, to_json, warning
 from zoomout_core.runtime.progress import Progress
@@ -215,7 +215,7 @@ def test_the_report_bears_the_mark_of_its_verdict(source, target):
 
 def test_a_note_on_the_certainty_does_not_repeat_the_verdict(source, target):
     transfer_objects(bpy.context, source, target, ["uv_maps"], k_final=30)
-    kept = transfer_report(target) | {"notes": [warning(UNSURE, certainty="60%")]}
+    kept = transfer_report(target) | {"notes": [warning(UNCERTAIN, certainty="60%")]}
     stored_report.write(target, kept | {"verdict": judge(0.6)._asdict()})
     assert "probability of only 60%" not in texts()
     stored_report.write(target, kept | {"verdict": None})
@@ -249,7 +249,7 @@ def test_notes_on_a_match_are_folded_up_and_their_header_warns(source, target):
         everything = drawn()
         assert (("label", "Notes", True), ("mark", icon, True)) in pairwise(everything)
         assert note not in texts()
-    target.data[stored_match.PROPERTY] = json.dumps(kept | {"notes": to_json([warning(UNSURE, certainty="60%")])})
+    target.data[stored_match.PROPERTY] = json.dumps(kept | {"notes": to_json([warning(UNCERTAIN, certainty="60%")])})
     assert "Notes" not in texts()  # the verdict says it
 
 

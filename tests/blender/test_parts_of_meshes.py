@@ -131,7 +131,7 @@ def test_a_leg_finds_its_body_and_all_doors_say_what_of_it_is_missing():
     activate(target, source)
     with (
         retune(ATTEMPTS, same_share=1.0),
-        retune(PART_MATCH, unsure=1.0, misfit=-50.0, another_map=2.0),
+        retune(PART_MATCH, uncertain=1.0, misfit=-50.0, another_map=2.0),
         retune(PART_CANDIDATES, landmarks=7, regions=0, registered=4),
     ):
         result = match_objects(bpy.context, source, target, k_final=60, samples=400)

@@ -208,7 +208,7 @@ def test_sentences_without_values_are_translated(code):
 
 def test_dressing_is_translated_into_each_language():
     """Texts of the panel, and sentences of the service."""
-    properties, services = (ADDON / name / "dress.py" for name in ("properties", "services"))
+    properties, services = ADDON / "properties/dress.py", ADDON / "services/dressing/read.py"
     trees = {path: ast.parse(path.read_text(encoding="utf-8")) for path in (properties, services)}
     texts = {text for path, tree in trees.items() for text in literals_of(tree)}
     wanted = (templates() | registered()) & texts - NAMES - {""}

@@ -122,8 +122,8 @@ def dress(pieces: list[Piece], count: int = 4000, seed: int = 0, bend: float = 0
 
 def true_vertices(source: Clothed, target: Clothed, name: str, source_name: str | None = None) -> np.ndarray:
     """The source vertex whose place is nearest to that of each vertex of a target's part."""
-    counterpart = source.parts[source_name or name]
-    return counterpart[cKDTree(source.keys[counterpart]).query(target.keys[target.parts[name]])[1]]
+    partner = source.parts[source_name or name]
+    return partner[cKDTree(source.keys[partner]).query(target.keys[target.parts[name]])[1]]
 
 
 def skin_normals(where: np.ndarray) -> np.ndarray:

@@ -11,7 +11,7 @@ import zoomout_core
 
 CORE = Path(zoomout_core.__file__).parent
 # Each may import those before it.
-ROOMS = (
+LAYERS = (
     "arrays",
     "messages",
     "tuning",
@@ -48,24 +48,24 @@ def imports(path: Path) -> Iterator[str]:
 
 def test_rooms_import_those_before_them_only() -> None:
     modules = {path: path.relative_to(CORE).with_suffix("").parts[0] for path in CORE.rglob("*.py")}
-    assert set(ROOMS) <= set(modules.values())
+    assert set(LAYERS) <= set(modules.values())
     wrong = [
         f"{path.relative_to(CORE)} imports {module}"
-        for path, room in modules.items()
-        if room in (*ROOMS, RUNTIME)
+        for path, layer in modules.items()
+        if layer in (*LAYERS, RUNTIME)
         for module in imports(path)
-        if (other := module.split(".")[1]) != room and not allowed(room, other)
+        if (other := module.split(".")[1]) != layer and not allowed(layer, other)
     ]
     assert not wrong
 
 
-def allowed(room: str, other: str) -> bool:
+def allowed(layer: str, other: str) -> bool:
     """Whether one package may import another."""
-    if room == RUNTIME:
+    if layer == RUNTIME:
         return False
-    if room == "matching" and other in ("transfer", "assets"):
+    if layer == "matching" and other in ("transfer", "assets"):
         return False
-    return other == RUNTIME or (other in ROOMS and ROOMS.index(other) < ROOMS.index(room))
+    return other == RUNTIME or (other in LAYERS and LAYERS.index(other) < LAYERS.index(layer))
 
 
 def test_the_core_knows_no_host() -> None:

@@ -19,7 +19,7 @@ from zoomout_core.transfer.rules import Match
 MAX_TRIANGLES = 1 << 24
 # Vertices at a smaller distance, relative to the extent of the surface, are the same: files store single floats.
 SAME_PLACE = 1e-6
-# Stored in place of the confidence of a vertex without a counterpart.
+# Stored in place of the confidence of a vertex without a partner.
 WITHOUT_PARTNER = -1.0
 
 
@@ -31,7 +31,7 @@ class StoredMap:
         triangle: (n,) triangles of the source.
         barycentric: (n, 3) coordinates in them.
         confidence: (n,) confidence of the map, in [0, 1].
-        has_partner: (n,) whether each vertex has a counterpart on the source.
+        has_partner: (n,) whether each vertex has a partner on the source.
         source: the digest of the source's surface.
         kinds: the kinds of data that were received.
     """

@@ -53,7 +53,7 @@ MATCHED = 0.7
 # LPS and RAS coordinates differ in the signs of x and y.
 SIGNS = np.array([-1.0, -1.0, 1.0])
 ALL_SURE = "All {count} landmarks are placed with confidence."
-SOME_UNSURE = "{unsure} of {count} landmarks are uncertain: {names}."
+SOME_UNCERTAIN = "{uncertain} of {count} landmarks are uncertain: {names}."
 CHECK = "Look at these, and move them if needed."
 MIRRORED = (
     "The target seems to be a mirror image of the template, as a left bone is of a right one, so a mirrored map placed "
@@ -194,27 +194,27 @@ def _run_job(
         job.output.parent.mkdir(exist_ok=True)
         write_landmark_file(placed, job.output)
     names = [name or str(number) for number, name in enumerate(placed.names, start=1)]
-    unsure = [name for name, low in zip(names, confidence < LOW, strict=True) if low]
-    verdict = _verdict(result, unsure, len(names))
+    uncertain = [name for name, low in zip(names, confidence < LOW, strict=True) if low]
+    verdict = _verdict(result, uncertain, len(names))
     report |= {
         "landmarks": [
-            {"name": name, "position": point, "confidence": sure}
-            for name, point, sure in zip(names, placed.points.tolist(), confidence.tolist(), strict=True)
+            {"name": name, "position": point, "confidence": value}
+            for name, point, value in zip(names, placed.points.tolist(), confidence.tolist(), strict=True)
         ],
-        "uncertain": unsure,
+        "uncertain": uncertain,
         "landmark_verdict": verdict._asdict(),
     }
     return [verdict.line, *note_lines(select_notes(notes, verdict))]
 
 
-def _verdict(result: MatchResult, unsure: list[str], count: int) -> Verdict:
+def _verdict(result: MatchResult, uncertain: list[str], count: int) -> Verdict:
     """Whether to use the landmarks: they may be right where the match has faults, but not if it is wrong as a whole."""
     of_match = result.verdict
     if of_match.level == RED:
         return of_match
-    text = message(SOME_UNSURE, unsure=len(unsure), count=count, names=", ".join(unsure))
-    if result.certainty < VERDICT.sure:
-        return Verdict(AMBER, sentences(of_match.sentence, *[text] * bool(unsure)), of_match.advice)
-    if unsure:
+    text = message(SOME_UNCERTAIN, uncertain=len(uncertain), count=count, names=", ".join(uncertain))
+    if result.certainty < VERDICT.certain:
+        return Verdict(AMBER, sentences(of_match.sentence, *[text] * bool(uncertain)), of_match.advice)
+    if uncertain:
         return Verdict(AMBER, text, message(CHECK))
     return Verdict(GREEN, message(ALL_SURE, count=count), "")

@@ -24,7 +24,7 @@ from zoomout_core.command_options import (
 from zoomout_core.evaluation import flipped_share
 from zoomout_core.map_files import check_map_output, keep_map, save_match
 from zoomout_core.matching import option_table
-from zoomout_core.matching.option_table import OPTIONS, Door, select_options
+from zoomout_core.matching.option_table import OPTIONS, Interface, select_options
 from zoomout_core.matching.pipeline import match as match_shapes
 from zoomout_core.matching.proximity import ProximityMatch, match_by_proximity
 from zoomout_core.matching.report.notes import select_notes
@@ -70,7 +70,7 @@ def match(
     Either may be a point cloud.
 
     Writes one .npz file with triangle, barycentric, vertex, confidence and functional_map, and with has_partner and
-    source_has_partner: which vertices of TARGET and of SOURCE have a counterpart. With --initial nearest, for clothes
+    source_has_partner: which vertices of TARGET and of SOURCE have a partner. With --initial nearest, for clothes
     on a body, each vertex maps to its nearest point, with a confidence of one or zero, and nothing else is written.
 
     With --first-look, programs can show the map while it is refined: that file has some vertices of TARGET ("target")
@@ -78,7 +78,7 @@ def match(
     """
     try:
         of_nearest = {
-            each.name: options.pop(each.name) for each in select_options(option_table.NEAREST, Door.COMMAND_LINE)
+            each.name: options.pop(each.name) for each in select_options(option_table.NEAREST, Interface.COMMAND_LINE)
         }
         check_map_output(output, (source, target, *files_of_options(options)), in_place)
         if first_look is not None:
@@ -123,7 +123,7 @@ class FirstLook:
 def _check_nothing_else(options: dict[str, Any]) -> None:
     """Raise an OptionError if the user gave options that a map to the nearest points does not take."""
     names = "landmarks", "exact_landmarks", "earlier_map", "common_axes", "candidate"
-    flags = {name: OPTIONS[name].name_at(Door.COMMAND_LINE) for name in names} | {"first_look": "--first-look"}
+    flags = {name: OPTIONS[name].name_in(Interface.COMMAND_LINE) for name in names} | {"first_look": "--first-look"}
     for name, flag in flags.items():
         if options[name]:
             raise OptionError(f"{flag} has no effect with --initial {NEAREST}: leave one of them out.")

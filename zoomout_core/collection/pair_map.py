@@ -83,7 +83,7 @@ class PairRecord:
         notes: sentences for the user.
         seconds: duration of the match.
         torn: share of the target's area at which the map is torn.
-        silent: share of the source's outside on parts from which the target receives almost nothing certain.
+        silent: share of the source's outside on parts from which the target receives almost nothing reliable.
         mirrored: whether the map reverses the orientation.
     """
 

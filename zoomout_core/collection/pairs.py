@@ -63,13 +63,13 @@ def pairs_of_unsure(certainty: Mapping[str, float], eigenvalues: Callable[[str],
         certainty: of the maps from the template, by the names of their targets.
         eigenvalues: returns those (k,) of the shape with a name.
     """
-    unsure = [name for name in certainty if certainty[name] < MIN_TEMPLATE_CERTAINTY]
-    sure = [name for name in certainty if certainty[name] >= MIN_TEMPLATE_CERTAINTY]
-    if not unsure or not sure:
+    uncertain = [name for name in certainty if certainty[name] < MIN_TEMPLATE_CERTAINTY]
+    certain = [name for name in certainty if certainty[name] >= MIN_TEMPLATE_CERTAINTY]
+    if not uncertain or not certain:
         return []
-    distances = unlikeness([eigenvalues(name) for name in (*unsure, *sure)])[: len(unsure), len(unsure) :]
+    distances = unlikeness([eigenvalues(name) for name in (*uncertain, *certain)])[: len(uncertain), len(uncertain) :]
     nearest = np.argsort(distances, axis=1, kind="stable")[:, :SHAPES_BETWEEN]
-    return [PairName(sure[j], name) for name, row in zip(unsure, nearest.tolist(), strict=True) for j in row]
+    return [PairName(certain[j], name) for name, row in zip(uncertain, nearest.tolist(), strict=True) for j in row]
 
 
 def unlikeness(eigenvalues: Sequence[Floats]) -> Floats:

@@ -173,7 +173,8 @@ def _card(
     about = f"{escape(str(pair))}: {escape(verdict.sentence)} {result.records[pair].seconds:.1f} s"
     return (
         f'<figure class="{verdict.level}">{image}<figcaption><b>{escape(name)}</b>'
-        f'<meter min="0" max="1" low="{VERDICT.wrong}" high="{VERDICT.sure}" optimum="1" value="{trust:.3f}"></meter>'
+        f'<meter min="0" max="1" low="{VERDICT.wrong}" high="{VERDICT.certain}" optimum="1" '
+        f'value="{trust:.3f}"></meter>'
         f"<small>{about}</small></figcaption></figure>"
     )
 

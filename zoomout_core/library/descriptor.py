@@ -30,7 +30,7 @@ class DescriptorTuning(Tuning, set_by="library"):
 
     eigenvalues: int = tuned(39, "eigenvalues", 1, 1000)  # after the first, which is zero
     tips: int = tuned(7, "tips", 3, 12)  # maximum number of limbs compared, the most persistent first
-    unpaired: float = tuned(0.5, "1", 0, 10)  # cost of the persistence of a tip without a counterpart
+    unpaired: float = tuned(0.5, "1", 0, 10)  # cost of the persistence of a tip without a partner
     # Differences that count as one: the medians over all pairs of a query and an asset.
     spectrum: float = tuned(0.17, "logarithm", 1e-3, 10)  # mean difference of logarithms of eigenvalues
     limbs: float = tuned(0.54, "at unit area", 1e-3, 10)  # cost of the best pairing of tips

@@ -31,10 +31,10 @@ REASONS = {
     "spectrum": "its proportions are different",
     "limbs": "its limbs differ in number or length",
     "volume": "it is much thicker or thinner",
-    "curvature": "its surface has other forms",
+    "curvature": "its surface has a different form",
 }
 DEFORMED = "the best map onto it deforms the target too much (fit {fit:.0%})"
-UNSURE = "the best map onto it is only {certainty} certain"
+UNCERTAIN = "the best map onto it is only {certainty} certain"
 
 
 @dataclass(frozen=True)
@@ -197,5 +197,5 @@ def _refusal(ranked: Sequence[FoundSource], nearest: _Compared) -> str:
     if best.distance > SEARCH.max_distance:
         reason: Message = message(DEFORMED, fit=1 - best.misfit)
     else:
-        reason = message(UNSURE, certainty=probability(best.certainty))
+        reason = message(UNCERTAIN, certainty=probability(best.certainty))
     return message(NOTHING_FITS, name=best.path.name, reason=reason)

@@ -20,7 +20,7 @@ class KnownMatch:
     Attributes:
         surface_map: a point on the source for each vertex of the target.
         confidence: (n_t,) confidence of each vertex, in [0, 1].
-        has_partner: (n_t,) whether each vertex has a counterpart on the source.
+        has_partner: (n_t,) whether each vertex has a partner on the source.
         source_has_partner: (n_s,) the same for the source's vertices.
         notes: sentences for the user.
     """

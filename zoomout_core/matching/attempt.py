@@ -19,7 +19,7 @@ from zoomout_core.tuning import Tuning, tuned
 class AttemptTuning(Tuning, set_by="characters"):
     """When to try another body, and which one to choose."""
 
-    sure: float = tuned(0.8, "probability", 0, 1)  # minimum certainty of a body's map at which no other body is tried
+    certain: float = tuned(0.8, "probability", 0, 1)  # certainty of a body's map from which no other body is tried
     same_place: float = tuned(0.15, "at unit area", 0, 2)  # distance below which two images count as the same place
     same_share: float = tuned(0.75, "1", 0, 1)  # maps of two bodies are the same if more of their images are
     # Minimum ratio of the worth of a later attempt to that of an earlier one. Later attempts, such as tight hulls, lose

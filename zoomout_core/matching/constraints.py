@@ -197,7 +197,7 @@ def _displacements(
 
 
 def _landmark_distance(pair: Pair, landmarks: Landmarks) -> Callable[[Floats, Anchors | None], float]:
-    """A function that sums the distances, at unit area, between landmarks and the images of their counterparts."""
+    """A function that sums the distances, at unit area, between landmarks and the images of their partners."""
     source, target = pair.source_shape, pair.target_shape
     source_ids, target_ids = landmarks_on_parts(pair, landmarks)
     graph = edge_graph(source.mesh.vertices, source.mesh.triangles)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The options of a match, one row each: the command line, Blender, MeshLab and `docs/options.md` are made from these.
 
-A row whose name is a field of `MatchOptions` needs nothing else. The doors turn rows into their own kind of option:
+A row whose name is a field of `MatchOptions` needs nothing else. Each interface turns rows into its own kind of option:
 `command_options.py`, `blender_addon/properties/option_property.py` and `meshlab_filter/filters/common.py`.
 """
 
@@ -16,8 +16,8 @@ from zoomout_core.matching.options import PARTIAL
 from zoomout_core.matching.proximity import MAX_ANGLE, MAX_DISTANCE
 
 
-class Door(Enum):
-    """Where users meet options."""
+class Interface(Enum):
+    """Where users set options."""
 
     COMMAND_LINE = "Command line"
     BLENDER = "Blender"
@@ -50,7 +50,7 @@ class Choice:
     name: str  # the value; Blender has it in capitals
     help: str  # a sentence without a full stop, as all texts here: Blender adds it
     label: str = ""  # in Blender
-    doors: tuple[Door, ...] = tuple(Door)  # that offer it
+    interfaces: tuple[Interface, ...] = tuple(Interface)  # that offer it
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class Option:
     help: str  # what happens and when to use it, without a full stop at the end
     # That offer it. `python -m meshlab_filter transfer` hands the options of the command line to a filter, so those of
     # a match need MeshLab, too.
-    doors: tuple[Door, ...] = tuple(Door)
+    interfaces: tuple[Interface, ...] = tuple(Interface)
     label: str = ""  # in Blender
     flag: str = ""  # on the command line, where it is not the name
     choices: tuple[Choice, ...] = ()  # the values of a choice
@@ -73,24 +73,24 @@ class Option:
     starts: tuple[str, ...] = REFINED  # values of `initial` that use the option
     panel: str = "Advanced"  # of Blender's sidebar. "Hints" and "Advanced" show their rows by themselves.
 
-    def name_at(self, door: Door) -> str:
-        """The option's name behind a door."""
-        if door is Door.COMMAND_LINE:
+    def name_in(self, interface: Interface) -> str:
+        """The option's name in an interface."""
+        if interface is Interface.COMMAND_LINE:
             return self.flag or "--" + self.name.replace("_", "-")
-        return self.label if door is Door.BLENDER else self.name
+        return self.label if interface is Interface.BLENDER else self.name
 
-    def choices_at(self, door: Door) -> tuple[Choice, ...]:
-        """The choices that a door offers."""
-        return tuple(choice for choice in self.choices if door in choice.doors)
+    def choices_in(self, interface: Interface) -> tuple[Choice, ...]:
+        """The choices that an interface offers."""
+        return tuple(choice for choice in self.choices if interface in choice.interfaces)
 
-    def doors_of(self, choice: Choice) -> tuple[Door, ...]:
-        """The doors that offer a choice."""
-        return tuple(door for door in choice.doors if door in self.doors)
+    def interfaces_of(self, choice: Choice) -> tuple[Interface, ...]:
+        """The interfaces that offer a choice."""
+        return tuple(interface for interface in choice.interfaces if interface in self.interfaces)
 
 
-BLENDER = (Door.BLENDER,)
-COMMAND_LINE = (Door.COMMAND_LINE,)
-MESHLAB = (Door.MESHLAB,)
+BLENDER = (Interface.BLENDER,)
+COMMAND_LINE = (Interface.COMMAND_LINE,)
+MESHLAB = (Interface.MESHLAB,)
 FILES = COMMAND_LINE + MESHLAB
 
 
@@ -125,7 +125,7 @@ MATCHING = (
                 BLENDER,
             ),
             Choice("file", "From a map that `zoomout match` wrote for these two meshes", "From File", BLENDER),
-            Choice("given", "From `initial_map`", doors=MESHLAB),
+            Choice("given", "From `initial_map`", interfaces=MESHLAB),
         ),
         starts=STARTS,
         panel="Match",
@@ -225,7 +225,7 @@ ACCURACY = (
             Choice("fast", "Quick preview, and enough for coarse meshes", "Fast"),
             Choice("balanced", "Fine enough for most characters", "Balanced"),
             Choice("fine", "Follows fingers and wrinkles more closely, and takes several times as long", "Fine"),
-            Choice("full", "Matches meshes at full size, which takes many times as long", doors=FILES),
+            Choice("full", "Matches meshes at full size, which takes many times as long", interfaces=FILES),
         ),
         panel="Match",
     ),
@@ -295,6 +295,6 @@ RESULT = (
 OPTIONS = {option.name: option for option in (*MATCHING, *ACCURACY, *NEAREST, *RESULT)}
 
 
-def select_options(options: Sequence[Option], door: Door) -> tuple[Option, ...]:
-    """The options that a door offers."""
-    return tuple(option for option in options if door in option.doors)
+def select_options(options: Sequence[Option], interface: Interface) -> tuple[Option, ...]:
+    """The options that an interface offers."""
+    return tuple(option for option in options if interface in option.interfaces)

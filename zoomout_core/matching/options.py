@@ -47,9 +47,9 @@ class MatchOptions:
             them may be rotated.
         regions: pairs of source vertices and target vertices that correspond as sets, such as vertex groups of the same
             name. They are evidence, constrain the map, and decide which loose parts are paired.
-        partial: "auto": if the map of two whole shapes is unsure, and a piece may be missing at a border of either, one
-            is also tried as a part of the other, with initial="auto"; "off": shapes are whole.
-        exact_landmarks: deform the final map so that each landmark lands on its counterpart; else landmarks attract it.
+        partial: "auto": if the map of two whole shapes is uncertain, and a part may be missing at a border of either,
+            one is also tried as a part of the other, with initial="auto"; "off": shapes are whole.
+        exact_landmarks: deform the final map so that each landmark lands on its partner; else landmarks attract it.
 
     Raises:
         ValueError: options contradict each other.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Match two surfaces: analyse both, guess, rank and refine maps, and extend the best one to full resolution."""
+"""Match two surfaces: analyse both, generate, rank and refine maps, and extend the best one to full resolution."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from zoomout_core.arrays import Integers
 from zoomout_core.matching.attempt import ATTEMPTS, Attempt, best_of
 from zoomout_core.matching.components.bodies import Bodies, find_bodies, tight_bodies
 from zoomout_core.matching.constraints import Constraints, check_axes, check_regions, landmark_errors
+from zoomout_core.matching.hypotheses.collect import collect_hypotheses, gather_evidence, hypothesis_of_landmarks
 from zoomout_core.matching.hypotheses.given import given_hypothesis
-from zoomout_core.matching.hypotheses.guess import gather_evidence, guess, guess_by_landmarks
 from zoomout_core.matching.match_signature import MatchArguments, check_names, with_arguments
 from zoomout_core.matching.options import MatchOptions
 from zoomout_core.matching.pair import LandmarkError, Pair, distinct_landmarks, landmark_points
@@ -154,7 +154,7 @@ def _attempt_bodies(
         except LandmarkError:  # a landmark is on a part that only another body has
             if not attempts:
                 raise
-        if attempts[-1].candidates[0].certainty >= ATTEMPTS.sure:
+        if attempts[-1].candidates[0].certainty >= ATTEMPTS.certain:
             break
     return attempts
 
@@ -185,7 +185,7 @@ def _find_candidates(pair: Pair, known: Constraints, options: MatchOptions) -> l
     shapes = pair.source_shape, pair.target_shape
     automatic = options.initial in ("auto", "landmarks")
     with stage("Guessing", 0.0, 0.15):
-        by_landmarks = guess_by_landmarks(pair, known)
+        by_landmarks = hypothesis_of_landmarks(pair, known)
         if (
             by_landmarks is not None
             and known.landmarks is not None
@@ -195,7 +195,7 @@ def _find_candidates(pair: Pair, known: Constraints, options: MatchOptions) -> l
         earlier = None if options.initial_map is None else given_hypothesis(pair, options.initial_map)
         evidence = gather_evidence(pair, known, earlier) if options.initial == "auto" else known
         disagreement = evidence.disagreement(pair)
-        hypotheses = guess(pair, options.initial, evidence, disagreement, earlier, by_landmarks)
+        hypotheses = collect_hypotheses(pair, options.initial, evidence, disagreement, earlier, by_landmarks)
     with stage("Comparing candidates", 0.15, 0.8):
         candidates = rank(hypotheses, *shapes, disagreement, show=partial(_show, pair))
         _show_candidates(pair, candidates)

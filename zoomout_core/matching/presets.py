@@ -24,7 +24,7 @@ def sizes_in_words(detail: str) -> str:
 
 
 def resolve_detail(detail: str = "balanced", k_final: int = 0, **options: Any) -> dict[str, Any]:
-    """Arguments of `match` for the options of its doors, which have a level of detail for most sizes.
+    """Arguments of `match` for the options of its interfaces, which have a level of detail for most sizes.
 
     Args:
         detail: one of `DETAIL`.

@@ -2,7 +2,7 @@
 """A map by proximity alone, for clothes on a body: the nearest points, if they are near and face the same way.
 
 Abdrashitov et al., Robust Skin Weights Transfer via Weight Inpainting (2023), section 3.1: places that are too far off,
-or near a surface that faces another way, such as the other leg, have no counterpart; the transfer fills them in.
+or near a surface that faces another way, such as the other leg, have no partner; the transfer fills them in.
 """
 
 from __future__ import annotations

@@ -56,7 +56,7 @@ class MatchResult(Summary):
         surface_map: for every target vertex a point on the source surface.
         confidence: (n_t,) in [0, 1]; 0 where the map was not computed but carried over from nearby, and small on parts
             that tears cut off from the rest.
-        has_partner: (n_t,) whether a vertex of the target has a counterpart on the source. A part without one, such as
+        has_partner: (n_t,) whether a vertex of the target has a partner on the source. A part without one, such as
             a tail that the source lacks, maps to where its surroundings do. True for vertices without a face.
         source_has_partner: (n_s,) the same for the source's vertices.
         functional_map: (k_target, k_source) between the bases of the main parts.
@@ -64,7 +64,7 @@ class MatchResult(Summary):
         chosen: number of the candidate that this result was computed from.
         notes: sentences for the user.
         pair: the analysed surfaces, from which results of other candidates are computed.
-        placed: the part of the target's area, in [0, 1], that has a counterpart and a known place: it is neither cut
+        placed: the part of the target's area, in [0, 1], that has a partner and a known place: it is neither cut
             off by tears nor a loose part of very low confidence.
         filled: (n_t,) vertices at which the map was torn, and whose images were filled in from their surroundings.
         torn: (n_t,) vertices at which the map is torn still, and those on parts that tears cut off.
@@ -103,7 +103,7 @@ class MatchResult(Summary):
     def certainty(self) -> float:
         """Probability that the map as a whole is right: no side swapped, nothing turned front to back.
 
-        It refers to the whole target, and decreases with the part that has no counterpart, or no known place. No map
+        It refers to the whole target, and decreases with the part that has no partner, or no known place. No map
         that tears closed shapes is certain.
         """
         return self.candidates[self.chosen].certainty * self.placed
@@ -131,9 +131,9 @@ class MatchResult(Summary):
 
     @property
     def uncertain(self) -> Integers:
-        """(u,) the components of the source that its outside shows, but from which the target receives little for sure.
+        """(u,) the components that the source shows on its outside, but whose partners on the target are doubtful.
 
-        These include the silent ones. What arrives counts as much as it is trusted.
+        These include the silent ones. What arrives is weighted by its confidence.
         """
         return np.flatnonzero(self._is_uncertain(np.arange(len(self.pair.shares))))
 
@@ -291,7 +291,7 @@ def make_result(pair: Pair, candidates: tuple[Candidate, ...], chosen: int) -> M
     with stage("Refining", 0.0, 0.8):
         dense = dense_map(pair, candidates[chosen])
     with stage("Extending to all vertices", 0.8, 0.95):
-        whole = lift(pair, dense.fit, dense.confidence, dense.counterparts)
+        whole = lift(pair, dense.fit, dense.confidence, dense.partners)
         surface_map = meet_exact_landmarks(whole.surface_map, pair)
     with stage("Repairing torn places", 0.95, 1.0):
         repaired = repair(pair, surface_map)
@@ -300,16 +300,16 @@ def make_result(pair: Pair, candidates: tuple[Candidate, ...], chosen: int) -> M
     placed = min(whole.placed, 1 - pair.target.share_of_area(lost))
     placed *= 1 - pair.target.share_of_area(cut_off & ~lost)
     candidates = _doubt_torn(pair, candidates, chosen, pair.target.share_of_area(repaired.torn))
-    doubts = notes_on_map(candidates, chosen, placed, dense.folded)
+    doubts = notes_on_map(candidates, chosen, placed, dense.flipped)
     return MatchResult(
         surface_map=repaired.surface_map,
         confidence=confidence,
-        has_partner=whole.counterparts.target,
-        source_has_partner=whole.counterparts.source,
+        has_partner=whole.partners.target,
+        source_has_partner=whole.partners.source,
         functional_map=dense.functional_map,
         candidates=candidates,
         chosen=chosen,
-        notes=(*doubts, *notes_on_rest(pair, whole.counterparts), *whole.notes, *pair.notes),
+        notes=(*doubts, *notes_on_rest(pair, whole.partners), *whole.notes, *pair.notes),
         pair=pair,
         placed=placed,
         filled=repaired.filled,

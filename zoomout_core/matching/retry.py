@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Second attempts if the first one is unsure: match one shape as a part of the other, or add more guesses."""
+"""Second attempts if the first one is uncertain: match one shape as a part of the other, or add more hypotheses."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import numpy as np
 
 from zoomout_core.matching.attempt import Attempt, agree, confirm
 from zoomout_core.matching.constraints import Constraints
+from zoomout_core.matching.hypotheses.collect import gather_evidence, more_hypotheses
 from zoomout_core.matching.hypotheses.given import given_hypothesis
-from zoomout_core.matching.hypotheses.guess import gather_evidence, guess_more
 from zoomout_core.matching.options import MatchOptions
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.partial.part_match import (
@@ -36,14 +36,14 @@ from zoomout_core.runtime.progress import portion, stage
 
 
 def needs_retry(first: Attempt, options: MatchOptions) -> bool:
-    """Whether an attempt is unsure, and options let another one be made."""
+    """Whether an attempt is uncertain, and options let another one be made."""
     if options.initial not in ("auto", "landmarks"):
         return False
-    return certainty_but_for_turns(first.candidates) < PART_MATCH.unsure or sizes_differ(first.pair)
+    return certainty_but_for_turns(first.candidates) < PART_MATCH.uncertain or sizes_differ(first.pair)
 
 
 def retry(first: Attempt, known: Constraints, options: MatchOptions) -> Attempt:
-    """Match one shape as a part of the other, or add more guesses; returns the more certain attempt."""
+    """Match one shape as a part of the other, or add more hypotheses; returns the more certain attempt."""
     fragments = False
     if options.partial == "auto" and may_be_part(first.pair):
         with portion(0.0, 0.7):
@@ -53,7 +53,7 @@ def retry(first: Attempt, known: Constraints, options: MatchOptions) -> Attempt:
         if units_differ(first.pair):
             first = replace(first, pair=_with_note(first.pair, warning(OTHER_UNITS)))
         fragments = are_fragments(first.pair)
-    # More guesses found none of eight maps of fragments that were not found as parts.
+    # More hypotheses found none of eight maps of fragments that were not found as parts.
     if options.initial == "auto" and not fragments and certainty_but_for_turns(first.candidates) < CERTAINTY.unlikely:
         with portion(0.7, 1.0):
             return _with_more_guesses(first, known, options)
@@ -74,7 +74,7 @@ def attempt_part(whole: Attempt, known: Constraints) -> Attempt:
             candidates = match_part(pair, known.disagreement(pair), given)
         best = _as_part(whole, pair, candidates, PART_MATCH.likely)
     certainty = best.candidates[0].certainty
-    enough = UNKNOWN_SCALE.sure if best is whole else UNKNOWN_SCALE.likely
+    enough = UNKNOWN_SCALE.certain if best is whole else UNKNOWN_SCALE.likely
     if certainty >= enough or (best is not whole and are_fragments(whole.pair)):
         return best
     with stage("Finding the scale of a part", 0.3, 1.0):
@@ -117,14 +117,14 @@ def _as_part(whole: Attempt, pair: Pair, candidates: Sequence[Candidate], likely
 
 
 def _with_more_guesses(attempt: Attempt, known: Constraints, options: MatchOptions) -> Attempt:
-    """An attempt with the candidates of more guesses beside its own."""
+    """An attempt with the candidates of more hypotheses beside its own."""
     pair = attempt.pair
     shapes = pair.source_shape, pair.target_shape
     earlier = None if options.initial_map is None else given_hypothesis(pair, options.initial_map)
     evidence = gather_evidence(pair, known, earlier)
     disagreement = evidence.disagreement(pair)
     with stage("Searching again", 0.0, 0.3):
-        hypotheses = guess_more(pair, evidence, disagreement)
+        hypotheses = more_hypotheses(pair, evidence, disagreement)
     with stage("Comparing candidates", 0.3, 0.8):
         found = rank(hypotheses, *shapes, disagreement)
     with stage("Comparing finished maps", 0.8, 1.0):

@@ -32,7 +32,7 @@ from zoomout_core.tuning import Tuning, tuned
 
 @dataclass(frozen=True)
 class LandmarkTransferTuning(Tuning, set_by="specimens"):
-    """Where to put landmarks, and how sure that is. The numbers were set on jaws.
+    """Where to put landmarks, and how certain that is. The numbers were set on jaws.
 
     Attributes:
         smooth: largest median distance between a warp and the map for which the shapes count as solid bodies. Others,

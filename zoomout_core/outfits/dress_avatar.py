@@ -34,13 +34,13 @@ class DressedAvatar:
         clothes: with the places, keys and skin that they have there. The nodes of the skin are those of the avatar's
             document, and then the new joints.
         joints: the outfit's own joints, for the avatar's document.
-        counterparts: the avatar's node for nodes of the outfit's other joints.
+        partners: the avatar's node for nodes of the outfit's other joints.
         notes: sentences for the user.
     """
 
     clothes: Asset
     joints: tuple[NewJoint, ...]
-    counterparts: Mapping[int, int]
+    partners: Mapping[int, int]
     notes: tuple[str, ...]
 
 
@@ -78,7 +78,7 @@ def dress_avatar(
         warning("No mesh or material of the outfit is called like '{pattern}': nothing there was kept.", pattern=each)
         for each in unknown
     ]
-    return DressedAvatar(bound.clothes, bound.joints, bound.counterparts, (*notes, *dressed.notes, *bound.notes))
+    return DressedAvatar(bound.clothes, bound.joints, bound.partners, (*notes, *dressed.notes, *bound.notes))
 
 
 def _turn(asset: Asset, turns: Floats) -> Asset:

@@ -78,7 +78,7 @@ class GltfFiles:
                 shape, source.body, source.worn, body, keep=self.keep, stiffness=self.stiffness, gap=self.gap
             )
         with atomic_write(output) as part:
-            left_out = append_to_gltf(target.document, made.joints, made.clothes, part, made.counterparts)
+            left_out = append_to_gltf(target.document, made.joints, made.clothes, part, made.partners)
             if self.compression is not None and output.suffix != AVATAR:
                 compress_gltf(part, self.compression)
         return DressedFile(

@@ -2,7 +2,7 @@
 """Bind clothes of one avatar to the joints of another one.
 
 Joints that move only clothes, such as those of skirts, ribbons and hair, are added to the other avatar. All others are
-replaced by their counterparts: those of the same humanoid bone, name or place.
+replaced by their partners: those of the same humanoid bone, name or place.
 """
 
 from __future__ import annotations
@@ -37,13 +37,13 @@ class BoundClothes:
     Attributes:
         clothes: the clothes.
         joints: the outfit's own joints, to be added to the avatar's document.
-        counterparts: the avatar's node for nodes of the outfit's other joints.
+        partners: the avatar's node for nodes of the outfit's other joints.
         notes: sentences for the user.
     """
 
     clothes: Asset
     joints: tuple[NewJoint, ...] = ()
-    counterparts: Mapping[int, int] = field(default_factory=dict)
+    partners: Mapping[int, int] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
 
@@ -89,7 +89,7 @@ def bind_clothes(clothes: Asset, fit: Fit, target: Asset) -> BoundClothes:
     if lost:
         notes.append(
             warning(
-                "{count} joints that move the outfit have no counterpart in the avatar, such as {joint}: their parents "
+                "{count} joints that move the outfit have no partner in the avatar, such as {joint}: their parents "
                 "move it instead; check the outfit there.",
                 count=len(lost),
                 joint=lost[0],
@@ -120,7 +120,7 @@ def _moving(skin: Skin) -> Booleans:
 
 
 def _pair_joints(clothes: Asset, own: Booleans, fit: Fit, target: Asset) -> dict[int, int]:
-    """The avatar's joint for each joint of the clothes that has a counterpart and is not their own."""
+    """The avatar's joint for each joint of the clothes that has a partner and is not their own."""
     size = float(np.ptp(target.surface.vertices, axis=0).max())
     heads = move_joints(fit.body.surface, fit.shape, _heads(clothes)).positions
     sides = [(clothes, ~own, heads), (target, _moving(target.skin), _heads(target))]  # type: ignore[arg-type]
@@ -217,7 +217,7 @@ def _wearers(clothes: Asset, own: Booleans) -> dict[int, int]:
 
 
 def _anchor(joint_of: Mapping[int, int], pairs: Mapping[int, int], node: int, parent: Integers) -> int:
-    """The counterpart of the nearest joint among a node and those above it that has one; 0 without one."""
+    """The partner of the nearest joint among a node and those above it that has one; 0 without one."""
     while node >= 0:
         if joint_of.get(node, -1) in pairs:
             return pairs[joint_of[node]]

@@ -27,7 +27,7 @@ from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 from zoomout_core.matching.preparation.memory_need import check_memory
 from zoomout_core.matching.ranking.rank import Candidate, rank
-from zoomout_core.matching.refinement.confidence import Counterparts, confidence_of
+from zoomout_core.matching.refinement.confidence import Partners, confidence_of
 from zoomout_core.matching.refinement.dense_map import bend_onto_source
 from zoomout_core.matching.refinement.refine import REFINEMENT, refine
 from zoomout_core.matching.registration.nonrigid_icp import Fit
@@ -38,7 +38,7 @@ from zoomout_core.mesh.triangles import triangle_areas
 from zoomout_core.messages import probability
 from zoomout_core.runtime.progress import Progress, listening, portion, stage
 from zoomout_core.runtime.threads import for_each, on_one_blas_thread, side_by_side
-from zoomout_core.symmetry.hypotheses import GUESSES
+from zoomout_core.symmetry.hypotheses import GENERATORS
 from zoomout_core.symmetry.involution import involution, order_of, return_error
 from zoomout_core.symmetry.ranking import SURE_SYMMETRY_CERTAINTY, is_no_part_of_identity, rank_symmetries
 from zoomout_core.symmetry.self_map import K_FINAL, SAMPLES, SelfMap, bodies_of, body_shape
@@ -174,7 +174,7 @@ def _best_attempt(
             candidates = find_candidates(shape)
         if candidates:
             attempts.append(Attempt(pair, candidates, body.coverage))
-        if candidates and candidates[0].certainty >= ATTEMPTS.sure:
+        if candidates and candidates[0].certainty >= ATTEMPTS.certain:
             break
     # Maps that agree in most places may still differ on an arm, so candidates do not confirm each other.
     return max(attempts, key=lambda attempt: attempt.worth, default=None)
@@ -183,10 +183,10 @@ def _best_attempt(
 def find_candidates(shape: ShapeAnalysis) -> list[Candidate]:
     """Maps of a shape onto itself that may be symmetries, the most likely first."""
     with portion(0.0, 0.4):
-        guesses = for_each(lambda guess: guess(shape), GUESSES)
+        generated = for_each(lambda generate: generate(shape), GENERATORS)
     with portion(0.4, 1.0):
         candidates = rank(
-            list(chain(*guesses)),
+            list(chain(*generated)),
             shape,
             shape,
             quotas=CANDIDATE_QUOTAS,
@@ -230,7 +230,7 @@ def _finish(
     if order == 2:
         fit = replace(fit, surface_map=involution(fit.surface_map, shape))
     everywhere = np.ones(len(confidence), dtype=bool)
-    surface_map, confidence, _, placed, notes = lift(pair, fit, confidence, Counterparts(everywhere, everywhere))
+    surface_map, confidence, _, placed, notes = lift(pair, fit, confidence, Partners(everywhere, everywhere))
     distance = np.zeros(len(surface.vertices))
     on_mesh = signed_distance(fit.surface_map, shape) if reverses and order == 2 else None
     if on_mesh is not None:

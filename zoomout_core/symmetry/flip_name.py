@@ -12,7 +12,7 @@ from collections.abc import Container
 
 SEPARATORS = ". -_"
 LETTERS = {"l": "r", "r": "l", "L": "R", "R": "L"}
-# Side words with their counterparts: in lower case, capitalised, and in upper case.
+# Side words with their partners: in lower case, capitalised, and in upper case.
 WORDS = {"right": ("left", "Left", "LEFT"), "left": ("right", "Right", "RIGHT")}
 # Shorter names have no side: minimum length with a letter, and with a word.
 SHORTEST_WITH_LETTER, SHORTEST_WITH_WORD = 3, 6
@@ -21,7 +21,7 @@ MIDST = re.compile(r"(?<=[. _:-])[lrLR](?=[. _:-])|left|right|Left|Right|LEFT|RI
 
 
 def flip_name(name: str, strip_digits: bool = False) -> str:
-    """The name of the counterpart on the other side; the same name if it has no side.
+    """The name of the partner on the other side; the same name if it has no side.
 
     The side is at the beginning or end: a letter separated by one of ". -_", or the word in any spelling. A number at
     the end, such as .001, does not count as a part of the name.
@@ -50,8 +50,8 @@ def flip_name(name: str, strip_digits: bool = False) -> str:
     return stem + number
 
 
-def counterpart_of(name: str, names: Container[str | None]) -> str:
-    """The name of the counterpart on the other side; the same name if it has no side.
+def partner_of(name: str, names: Container[str | None]) -> str:
+    """The name of the partner on the other side; the same name if it has no side.
 
     A side in the middle of the name counts only if the names contain the other side's name.
     """

@@ -81,7 +81,7 @@ def blocks_of_eigenfunctions(shape: ShapeAnalysis) -> list[Hypothesis]:
     return [Hypothesis(f"blocks of {len(C)} eigenfunctions, choice {i}", C) for i, C in enumerate(kept)]
 
 
-GUESSES: tuple[Callable[[ShapeAnalysis], list[Hypothesis]], ...] = (
+GENERATORS: tuple[Callable[[ShapeAnalysis], list[Hypothesis]], ...] = (
     mirroring_pairings,
     turning_pairings,
     mirroring_descriptors,
@@ -91,8 +91,8 @@ GUESSES: tuple[Callable[[ShapeAnalysis], list[Hypothesis]], ...] = (
 
 def _there_and_back(first: Integers, second: Integers) -> bool:
     """Whether a pairing of a shape's tips, as two parallel lists of numbers, is its own inverse."""
-    counterpart = dict(zip(first.tolist(), second.tolist(), strict=True))
-    return all(counterpart.get(there) == here for here, there in counterpart.items())
+    partner = dict(zip(first.tolist(), second.tolist(), strict=True))
+    return all(partner.get(there) == here for here, there in partner.items())
 
 
 def _may_be_round(shape: ShapeAnalysis) -> bool:

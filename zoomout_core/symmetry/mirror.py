@@ -3,7 +3,7 @@
 
 The other side of a vertex is its image under the symmetry, so values are transferred like from a source to a target, by
 the same rules (`zoomout_core.transfer`). Data with a side in its name, such as the weights of Arm.L, is swapped with
-its counterpart.
+its partner.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from scipy.sparse import csr_array, diags_array
 from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import MeshError, Surface
-from zoomout_core.symmetry.flip_name import counterpart_of
+from zoomout_core.symmetry.flip_name import partner_of
 from zoomout_core.symmetry.self_map import SelfMap
 from zoomout_core.transfer import RULES, Attribute, Domain, Kind, transfer
 from zoomout_core.transfer.attribute import mean_over_vertices
@@ -34,7 +34,7 @@ ONE_WAY = ("left_to_right", "right_to_left")
 def mirror(attribute: Attribute, symmetry: SelfMap, **options: Any) -> Attribute:
     """Exchange the sides of an attribute of the symmetry's surface, with options of its kind as for `transfer`.
 
-    Weights have the names of their groups as labels; a group without a counterpart gets one.
+    Weights have the names of their groups as labels; a group without a partner gets one.
 
     Raises:
         MeshError: the attribute does not fit the surface, or its kind cannot be transferred.
@@ -61,7 +61,7 @@ def symmetrise(
         MeshError: as for `mirror`, or the symmetry has no two sides, or such values have no mean.
     """
     if attribute.kind is Kind.WEIGHT:
-        attribute = with_counterparts(attribute)
+        attribute = with_partners(attribute)
     other = mirror(attribute, symmetry, **options)
     own_share = own_share_of(attribute.domain, symmetry, direction)
     if attribute.kind is Kind.WEIGHT:
@@ -92,7 +92,7 @@ def asymmetry(attribute: Attribute, symmetry: SelfMap) -> Floats:
     Labels are equal, with a difference of 0, or not, with 1.
     """
     if attribute.kind is Kind.WEIGHT:
-        attribute = with_counterparts(attribute)
+        attribute = with_partners(attribute)
         difference = csr_array(mirror(attribute, symmetry).values - attribute.values)
         return np.asarray(abs(difference).sum(axis=1)) / 2
     own, theirs = np.asarray(attribute.values), np.asarray(mirror(attribute, symmetry).values)
@@ -127,12 +127,12 @@ def own_share_of(domain: Domain, symmetry: SelfMap, direction: Direction) -> Flo
     return share
 
 
-def with_counterparts(weights: Attribute, others: Collection[str] = ()) -> Attribute:
+def with_partners(weights: Attribute, others: Collection[str] = ()) -> Attribute:
     """Add an empty group to weights, labelled by their groups, for every name whose other side is missing.
 
-    Other existing names, such as those of bones, also count as counterparts, see `counterpart_of`.
+    Other existing names, such as those of bones, also count as partners, see `partner_of`.
     """
-    missing = [name for name in _counterpart_names(weights.labels, others) if name not in weights.labels]
+    missing = [name for name in _partner_names(weights.labels, others) if name not in weights.labels]
     if not missing:
         return weights
     values = csr_array(weights.values)
@@ -144,24 +144,24 @@ def with_counterparts(weights: Attribute, others: Collection[str] = ()) -> Attri
 
 def flip_names(weights: Attribute) -> Attribute:
     """Exchange the groups of weights with those of the other side; the order of names stays."""
-    weights = with_counterparts(weights)
+    weights = with_partners(weights)
     column = {name: i for i, name in enumerate(weights.labels)}
-    counterpart = _counterpart_names(weights.labels)
-    columns = [column[counterpart[name]] for name in weights.labels]
+    partner = _partner_names(weights.labels)
+    columns = [column[partner[name]] for name in weights.labels]
     return replace(weights, values=csr_array(csr_array(weights.values)[:, columns]))
 
 
-def _counterpart_names(labels: Sequence[str], others: Collection[str] = ()) -> dict[str, str]:
-    """The counterparts of names, and the counterparts of these, which may be among other names.
+def _partner_names(labels: Sequence[str], others: Collection[str] = ()) -> dict[str, str]:
+    """The partners of names, and the partners of these, which may be among other names.
 
-    The counterpart of a counterpart may be a third name: "arm lEFT" gives "arm right", which gives "arm left". So the
+    The partner of a partner may be a third name: "arm lEFT" gives "arm right", which gives "arm left". So the
     first name is paired in both directions.
     """
-    names, counterpart = {*labels, *others}, dict[str, str]()
+    names, partner = {*labels, *others}, dict[str, str]()
     for name in labels:
-        other = counterpart.setdefault(name, counterpart_of(name, names))
-        counterpart.setdefault(other, name)
-    return counterpart
+        other = partner.setdefault(name, partner_of(name, names))
+        partner.setdefault(other, name)
+    return partner
 
 
 def _on_faces(surface: Surface) -> Booleans:

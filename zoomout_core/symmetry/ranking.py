@@ -113,8 +113,8 @@ def rank_symmetries(candidates: list[Candidate], shape: ShapeAnalysis) -> list[C
         alike = [other for other in distinct if other.reverses_orientation == candidate.reverses_orientation]
         if all(_apart(candidate, other, shape) > CERTAINTY.another_map for other in alike):
             distinct.append(candidate)
-    sure = [replace(candidate, certainty=_certainty(candidate, distinct)) for candidate in distinct]
-    return sorted(sure, key=_sort_key)
+    rated = [replace(candidate, certainty=_certainty(candidate, distinct)) for candidate in distinct]
+    return sorted(rated, key=_sort_key)
 
 
 def _sort_key(candidate: Candidate) -> tuple[float, bool, float, float]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Extrapolation of a map to vertices without a counterpart on the source."""
+"""Extrapolation of a map to vertices without a partner on the source."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from zoomout_core.mesh.triangles import edge_graph
 
 
 def extrapolate_map(surface_map: SurfaceMap, target: Surface, has_partner: Booleans) -> SurfaceMap:
-    """Extrapolate a map: a vertex without a counterpart takes the image of the nearest vertex with one.
+    """Extrapolate a map: a vertex without a partner takes the image of the nearest vertex with one.
 
     Distances are along the surface, so labels and UVs continue from their surroundings. Parts of the target without any
-    counterpart keep their images.
+    partner keep their images.
     """
     working = target.working
     giver = np.full(len(working.vertices), -1)

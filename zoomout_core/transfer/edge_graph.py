@@ -18,7 +18,7 @@ from zoomout_core.transfer.mapped_target import MappedTarget
 
 # Distance from the mapped target, in edges of the target, up to which it covers a point of the source.
 MAX_DISTANCE = 2.0
-# Minimum confidence of the map for this; places without a counterpart have less, see `matching.confidence`.
+# Minimum confidence of the map for this; places without a partner have less, see `matching.confidence`.
 MIN_CONFIDENCE = 0.04
 
 

@@ -89,7 +89,7 @@ def snap_marks(attribute: Attribute, mapped: MappedTarget) -> Attribute:
     note = (
         message(
             "{layer}: {left:,} of {count:,} marked vertices were left out, where the target has no "
-            "reliable counterpart on the source.",
+            "reliable partner on the source.",
             layer=attribute.name,
             left=left,
             count=len(marked),
@@ -375,7 +375,7 @@ def _notes(
         notes.append(
             message(
                 "{layer}: {share:.1%} of the length of its lines was left out, where the target has no "
-                "reliable counterpart on the source.",
+                "reliable partner on the source.",
                 layer=name,
                 share=missing,
             )

@@ -53,7 +53,7 @@ class MappedTarget:
     surface_map: SurfaceMap  # the place of each target vertex on the source
     confidence: Floats  # (n_t,) confidence of the map, in [0, 1]
     fill_below: float | None = None  # vertices of less confidence are filled in from the others; None for none
-    has_partner: Booleans | None = None  # (n_t,) which have a counterpart, others are filled in; None for all
+    has_partner: Booleans | None = None  # (n_t,) which have a partner, others are filled in; None for all
 
     @cached_property
     def points(self) -> Floats:

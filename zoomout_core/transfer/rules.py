@@ -31,7 +31,7 @@ from zoomout_core.transfer.uv.transfer_uv import transfer_uv
 
 
 class Match(Protocol):
-    """The result of a match: the map, its confidence, and which vertices have a counterpart; None for all."""
+    """The result of a match: the map, its confidence, and which vertices have a partner; None for all."""
 
     @property
     def surface_map(self) -> SurfaceMap: ...
@@ -137,7 +137,7 @@ def transfer(
 ) -> Attribute:
     """Transfer an attribute of the source to the target.
 
-    Vertices without a counterpart on the source are filled in: numbers, colours, weights and shape keys smoothly from
+    Vertices without a partner on the source are filled in: numbers, colours, weights and shape keys smoothly from
     their surroundings; other kinds take the nearest value along the surface. To keep the target's own values
     there, `blend` with the match's `has_partner` as the mask.
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Match characters of several objects, such as body, eyes and clothes, to their counterparts in another collection.
+"""Match characters of several objects, such as body, eyes and clothes, to their partners in another collection.
 
 All objects of a collection are matched as one surface, whose parts the core pairs. Then each target stores the match
 with the one or several sources that it maps to, as if these had been matched alone.
@@ -7,22 +7,18 @@ with the one or several sources that it maps to, as if these had been matched al
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
 from functools import partial
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 from bpy.types import Collection, Context, Depsgraph, Object
 
 import zoomout_core as zo
-from zoomout_core.arrays import Floats, Integers
-from zoomout_core.geometry.closest_points import closest_points
+from zoomout_core.arrays import Integers
 from zoomout_core.maps.known_match import KnownMatch
 from zoomout_core.matching.presets import resolve_detail
 from zoomout_core.matching.report.verdict import check_verdict
-from zoomout_core.mesh.triangles import vertex_areas
-from zoomout_core.messages import message
 from zoomout_core.runtime.progress import portion, stage
 from zoomout_core.runtime.threads import for_each
 
@@ -37,63 +33,20 @@ from ...scene.pair import (
     fingerprint_source,
     fingerprint_target,
 )
-from ...storage.stored_match import LOW_CONFIDENCE, StoredMatch
+from ...storage.stored_match import StoredMatch
 from ..targets import Write
 from .candidates import store_match
+from .joined_match import Pairs, Parts, match_of_target
 from .name_matching import pair_by_name
 
 # Fraction of the progress that matching takes.
 MATCHING = 0.95
-# If a source has at least this fraction of a target's area, weighted by confidence, it is the only source; loose parts
-# that map to other sources still receive data from those.
-NEARLY_ALL = 0.95
-# Otherwise, every source with at least this fraction of the area is a source of the target.
-SMALLEST_SHARE = 0.005
-# Vertices that map to the counterpart of another target are projected onto the counterpart of their own, up to this
-# distance over the square root of the sources' area.
-NEAR = 0.02
-# Weight of a vertex with a confidence of 0.
-MIN_CONFIDENCE = 1e-6
-
-# Numbers of sources and targets with matching names.
-Pairs: TypeAlias = Sequence[tuple[int, int]]
-
-
-@dataclass(frozen=True, eq=False)
-class Parts:
-    """The objects of a collection as one surface.
-
-    Attributes:
-        fingerprints: fingerprints of the objects, taken when they were read.
-        surfaces: surface of each object.
-        joined: all surfaces as one.
-        first_vertex: (p + 1,) the first vertex of each in the joined surface, then the number of vertices.
-        first_triangle: (p + 1,) likewise for triangles.
-    """
-
-    fingerprints: tuple[Fingerprint, ...]
-    surfaces: tuple[zo.Surface, ...]
-    joined: zo.Surface
-    first_vertex: Integers
-    first_triangle: Integers
-
-    @classmethod
-    def of(cls, fingerprints: Sequence[Fingerprint], surfaces: Sequence[zo.Surface]) -> Parts:
-        """Join the objects with these fingerprints and surfaces."""
-        vertices = np.cumsum([0, *(len(surface.vertices) for surface in surfaces)])
-        triangles = np.cumsum([0, *(len(surface.triangles) for surface in surfaces)])
-        return cls(tuple(fingerprints), tuple(surfaces), zo.Surface.joined(surfaces), vertices, triangles)
-
-    @property
-    def names(self) -> list[str]:
-        """Names of the objects."""
-        return [fingerprint.name for fingerprint in self.fingerprints]
 
 
 def match_collections(
     context: Context, source: Collection, target: Collection, **options: Any
 ) -> dict[str, tuple[str, StoredMatch]]:
-    """Match the meshes of two collections, and store the match with its counterpart on each target.
+    """Match the meshes of two collections, and store the match with its partner on each target.
 
     Args:
         context: Blender's; the objects are in its scene.
@@ -160,7 +113,7 @@ def check_verdicts(matches: Mapping[str, tuple[str, StoredMatch]], force: bool) 
     """Refuse matches by `prepare_parts` that are probably wrong, unless the user insists.
 
     Raises:
-        RefusedMatchError: one is probably wrong, and may not be used all the same.
+        RefusedMatchError: one is probably wrong, and may not be used anyway.
     """
     for _, match in matches.values():
         if match.verdict is not None:
@@ -181,7 +134,7 @@ def _matches(
             result = zo.match(sources.joined, targets.joined, **arguments)
     with stage("Pairing the objects", MATCHING, 1):
         return for_each(
-            lambda i: _match_of_target(result, sources, targets, i, namesakes), range(len(targets.fingerprints))
+            lambda i: match_of_target(result, sources, targets, i, namesakes), range(len(targets.fingerprints))
         )
 
 
@@ -224,135 +177,3 @@ def _regions(sources: Parts, targets: Parts, namesakes: Pairs) -> list[tuple[Int
     return [
         (np.arange(*sources.first_vertex[j : j + 2]), np.arange(*targets.first_vertex[i : i + 2])) for j, i in namesakes
     ]
-
-
-@dataclass(frozen=True, eq=False)
-class _TargetMap:
-    """The map of one of the targets to the joined source.
-
-    Attributes:
-        surface_map: the target's vertices on the joined source.
-        confidence: (n,) confidence of each vertex.
-        owner: (n,) the number of the source that each vertex maps to.
-        part: (n,) the loose part of each vertex, -1 for none.
-        weight: (n,) fraction of the area of each vertex.
-    """
-
-    surface_map: zo.SurfaceMap
-    confidence: Floats
-    owner: Integers
-    part: Integers
-    weight: Floats
-
-    def contributors(self, sources: int) -> list[int]:
-        """Numbers of the target's sources, by decreasing share of its area."""
-        share = np.bincount(self.owner, self.weight * (self.confidence + MIN_CONFIDENCE), minlength=sources)
-        share /= share.sum()
-        largest = int(np.argmax(share))
-        wanted = {largest, *self._sources_of_loose_parts(sources)}
-        if share[largest] < NEARLY_ALL:
-            wanted |= set(np.flatnonzero(share >= SMALLEST_SHARE).tolist())
-        return sorted(wanted, key=lambda number: -share[number])
-
-    def _sources_of_loose_parts(self, sources: int) -> list[int]:
-        """Numbers of the sources that loose parts mostly map to, if their mean confidence exceeds `LOW_CONFIDENCE`."""
-        used = self.part >= 0
-        place = self.part[used] * sources + self.owner[used]
-        count = (self.part.max() + 1) * sources
-        area, confident_area = (
-            np.bincount(place, weight[used], minlength=count).reshape(-1, sources)
-            for weight in (self.weight, self.weight * self.confidence)
-        )
-        confident = confident_area.sum(axis=1) > LOW_CONFIDENCE * area.sum(axis=1)
-        return np.unique(np.argmax(confident_area[confident], axis=1)).tolist()
-
-
-def _match_of_target(
-    result: zo.MatchResult | KnownMatch, sources: Parts, targets: Parts, number: int, namesakes: Pairs
-) -> tuple[ObjectPair, StoredMatch]:
-    """One of the targets with the sources that it maps to, and the match with these."""
-    own = _move_to_namesake(_target_map(result, sources, targets, number), sources, number, namesakes)
-    contributors = own.contributors(len(sources.names))
-    surfaces, fingerprints = (
-        tuple(sources.surfaces[i] for i in contributors),
-        tuple(sources.fingerprints[i] for i in contributors),
-    )
-    pair = ObjectPair(surfaces, targets.surfaces[number], fingerprints, targets.fingerprints[number])
-    moved = np.full(len(sources.names), -1)  # offset of each source's triangles in the pair, -1 for others
-    moved[contributors] = np.cumsum([0, *(len(surface.triangles) for surface in surfaces[:-1])])
-    triangle = own.surface_map.triangle - sources.first_triangle[own.owner] + moved[own.owner]
-    barycentric, confidence = own.surface_map.barycentric.copy(), own.confidence.copy()
-    elsewhere = np.flatnonzero(moved[own.owner] < 0)
-    names = ", ".join(f"'{name}'" for name in pair.source_names)
-    notes = list(result.notes)
-    if len(contributors) > 1:
-        notes.append(
-            message(
-                "'{target}' corresponds to several objects and receives data from all of them: {sources}.",
-                target=pair.target_name,
-                sources=names,
-            )
-        )
-    if len(elsewhere):
-        images = own.surface_map.interpolate(sources.joined.vertices)[elsewhere]
-        triangle[elsewhere], barycentric[elsewhere] = closest_points(
-            images, pair.source.vertices, pair.source.triangles
-        )
-        confidence[elsewhere] = 0
-        notes.append(
-            message(
-                "{count:,} vertices correspond to objects other than {sources}: mapped to the nearest "
-                "point there, with zero confidence.",
-                count=len(elsewhere),
-                sources=names,
-            )
-        )
-    surface_map = zo.SurfaceMap(triangle, barycentric, pair.source.triangles)
-    has_partner = result.has_partner[slice(*targets.first_vertex[number : number + 2])]
-    of_sources = np.concatenate(
-        [result.source_has_partner[slice(*sources.first_vertex[i : i + 2])] for i in contributors]
-    )
-    return pair, StoredMatch(
-        surface_map,
-        confidence,
-        tuple(notes),
-        others=pair.source_names[1:],
-        has_partner=has_partner,
-        source_has_partner=of_sources,
-        without_partner=(pair.target.share_of_area(~has_partner), pair.source.share_of_area(~of_sources)),
-        verdict=result.verdict if isinstance(result, zo.MatchResult) else None,
-    )
-
-
-def _target_map(result: zo.MatchResult | KnownMatch, sources: Parts, targets: Parts, number: int) -> _TargetMap:
-    """The map of one of the targets to the joined source."""
-    own = slice(*targets.first_vertex[number : number + 2])
-    whole, surface = result.surface_map, targets.surfaces[number]
-    return _TargetMap(
-        zo.SurfaceMap(whole.triangle[own], whole.barycentric[own], whole.source_triangles),
-        result.confidence[own],
-        np.searchsorted(sources.first_triangle, whole.triangle[own], side="right") - 1,
-        targets.joined.components[own],
-        vertex_areas(surface.vertices, surface.triangles) / surface.area,
-    )
-
-
-def _move_to_namesake(own: _TargetMap, sources: Parts, number: int, namesakes: Pairs) -> _TargetMap:
-    """Project a target's map onto the source whose name matches the target's, where that is within `NEAR`.
-
-    Only vertices that map to the counterpart of another target are moved, such as those of boots that map to trousers.
-    """
-    namesake = next((j for j, i in namesakes if i == number), None)
-    misplaced = np.flatnonzero(np.isin(own.owner, [j for j, i in namesakes if i != number]))
-    if namesake is None or not len(misplaced):
-        return own
-    surface, mapped = sources.surfaces[namesake], own.surface_map
-    images = mapped.interpolate(sources.joined.vertices)[misplaced]
-    found, weights = closest_points(images, surface.vertices, surface.triangles)
-    apart = zo.SurfaceMap(found, weights, surface.triangles).interpolate(surface.vertices) - images
-    near = np.linalg.norm(apart, axis=1) < NEAR * np.sqrt(sources.joined.area)
-    triangle, barycentric, owner = mapped.triangle.copy(), mapped.barycentric.copy(), own.owner.copy()
-    moved = misplaced[near]
-    triangle[moved], barycentric[moved] = found[near] + sources.first_triangle[namesake], weights[near]
-    owner[moved] = namesake
-    return replace(own, surface_map=zo.SurfaceMap(triangle, barycentric, mapped.source_triangles), owner=owner)

@@ -49,7 +49,7 @@ class HalfResult(zo.MatchResult):
 
     @property
     def share_without_partner(self) -> float:
-        """The fraction of the half's area without a counterpart on the source, in [0, 1]."""
+        """The fraction of the half's area without a partner on the source, in [0, 1]."""
         return self.half.share_of_area(~self.has_partner)
 
     def outline(self, candidate: int) -> tuple[Integers, Integers]:

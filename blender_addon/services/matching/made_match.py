@@ -18,8 +18,8 @@ from ...translations import translated
 from ..constraints import match_pair, settings_to_store
 from .candidates import cache_made_match, last_made_match, store_match
 
-# How a script uses a match all the same; other callers give a sentence of their own.
-CALL_WITH_FORCE = "To use this match all the same, call the function with force=True."
+# How a script uses a match anyway; other callers give a sentence of their own.
+CALL_WITH_FORCE = "To use this match anyway, call the function with force=True."
 
 
 async def make_match(
@@ -60,7 +60,7 @@ def store_and_stop(
         pair: the matched objects.
         match: the match.
         settings: the options that it was made with.
-        remedy: a sentence that says how to use the match all the same.
+        remedy: a sentence that says how to use the match anyway.
         undo_step: whether to push an undo step.
 
     Raises:

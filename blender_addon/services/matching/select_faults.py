@@ -36,8 +36,8 @@ def select_faults(context: Context, target: Object, what: str) -> str:
         context: Blender's; the target and its source are in its scene.
         target: a matched object, in Object Mode.
         what: DOUBTFUL: vertices of low confidence. FLIPPED: faces whose image on the source is flipped, unlike most.
-            TORN: vertices at edges whose image is far too long. WITHOUT_PARTNER: vertices without a counterpart on the
-            source, and, if the source's own mesh was matched, its vertices without a counterpart on the target.
+            TORN: vertices at edges whose image is far too long. WITHOUT_PARTNER: vertices without a partner on the
+            source, and, if the source's own mesh was matched, its vertices without a partner on the target.
 
     Returns:
         A sentence for the user, with the number of elements and their share of the area.

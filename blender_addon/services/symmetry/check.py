@@ -14,7 +14,7 @@ import zoomout_core as zo
 from zoomout_core.arrays import Floats
 from zoomout_core.messages import message
 from zoomout_core.runtime.progress import stage
-from zoomout_core.symmetry.flip_name import counterpart_of
+from zoomout_core.symmetry.flip_name import partner_of
 from zoomout_core.symmetry.mirror import asymmetry
 from zoomout_core.symmetry.offsets import mirror_offsets, shape_asymmetry
 from zoomout_core.symmetry.self_map import SelfMap
@@ -97,7 +97,7 @@ async def measure_asymmetry(context: Context, name: str, check: Checked, key: st
             with own_mesh(context, name, symmetry.surface) as (obj, mesh):
                 _, own = read_key(obj, key)
                 keys = mesh.shape_keys.key_blocks.keys()
-                partner = counterpart_of(key, keys)
+                partner = partner_of(key, keys)
                 work = partial(_key_asymmetry, own, read_key(obj, partner if partner in keys else key)[1], symmetry)
     with stage("Comparing the sides", READ, 1):
         values = np.nan_to_num(await compute(work))

@@ -14,7 +14,7 @@ import zoomout_core as zo
 from zoomout_core.arrays import Integers
 from zoomout_core.messages import enumeration, message
 from zoomout_core.runtime.progress import stage
-from zoomout_core.symmetry.flip_name import counterpart_of
+from zoomout_core.symmetry.flip_name import partner_of
 from zoomout_core.symmetry.mirror import Direction, has_mean, mirror, own_share_of, symmetrise
 from zoomout_core.symmetry.self_map import SelfMap
 from zoomout_core.symmetry.uv import Layout, symmetrise_uv
@@ -121,7 +121,7 @@ def _read(obj: Object, data: Collection[str]) -> list[_Data]:
 
 def _partners(names: Sequence[str | None]) -> Integers:
     """(slots,) the slot of the material for the other side, such as Boot.R for Boot.L, else the material's own."""
-    partners = [name and counterpart_of(name, names) for name in names]
+    partners = [name and partner_of(name, names) for name in names]
     return np.array([names.index(other) if other in names else slot for slot, other in enumerate(partners)])
 
 

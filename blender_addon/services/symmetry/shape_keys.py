@@ -15,7 +15,7 @@ import zoomout_core as zo
 from zoomout_core.arrays import Floats
 from zoomout_core.messages import message
 from zoomout_core.runtime.progress import stage
-from zoomout_core.symmetry.flip_name import counterpart_of
+from zoomout_core.symmetry.flip_name import partner_of
 from zoomout_core.symmetry.mirror import Direction
 from zoomout_core.symmetry.offsets import BLEND, mirror_offsets, split_offsets, symmetrise_offsets
 from zoomout_core.symmetry.self_map import SelfMap
@@ -114,7 +114,7 @@ def _new_names(name: str, mode: KeyMode, present: Collection[str]) -> tuple[str,
     """The names of the keys that are made from a key; `present` has the names of existing keys."""
     if mode == "split":
         return f"{name}.L", f"{name}.R"
-    partner = counterpart_of(name, present)
+    partner = partner_of(name, present)
     if mode == "mirror" and partner == name:
         raise zo.MeshError(
             "The name {name} has no side: end it with .L or .R, or use Left and Right Keys.", name=repr(name)
@@ -189,5 +189,5 @@ def _write(obj: Object, key: ShapeKey, offsets: Floats, mode: KeyMode, in_place:
 
 def _other_name(name: str, present: list[str]) -> str:
     """The name for the other side if it is present, else the name itself."""
-    partner = counterpart_of(name, present)
+    partner = partner_of(name, present)
     return partner if partner in present else name

@@ -14,8 +14,8 @@ from scipy.sparse import csr_array
 import zoomout_core as zo
 from zoomout_core.messages import message
 from zoomout_core.runtime.progress import stage
-from zoomout_core.symmetry.flip_name import counterpart_of
-from zoomout_core.symmetry.mirror import Direction, symmetrise, with_counterparts
+from zoomout_core.symmetry.flip_name import partner_of
+from zoomout_core.symmetry.mirror import Direction, symmetrise, with_partners
 from zoomout_core.transfer import Attribute
 from zoomout_core.transfer.rigging.weights import sum_to_one
 
@@ -51,7 +51,7 @@ async def symmetrise_weights_async(context: Context, name: str, direction: Direc
         await pause()
         weights = await mesh_data.read_weights_in_pieces(partial(own_mesh, context, name, symmetry.surface))
     with own_mesh(context, name, symmetry.surface) as (obj, _):
-        chosen = _choose(obj, with_counterparts(weights, mesh_data.deforming_bones(obj)), only)
+        chosen = _choose(obj, with_partners(weights, mesh_data.deforming_bones(obj)), only)
     with stage("Mirroring weights", READ, 1):
         weights = await compute(partial(symmetrise, chosen.weights, symmetry, direction, **chosen.sharing))
     with writing(context, name, symmetry.surface) as obj:
@@ -78,14 +78,14 @@ class _Chosen:
 def _choose(obj: Object, weights: Attribute, only: str) -> _Chosen:
     if not weights.labels:
         raise zo.MeshError("'{name}' has no vertex groups: add some, or make another mesh active.", name=obj.name)
-    wanted = {only, counterpart_of(only, weights.labels)} if only else set(weights.labels)
+    wanted = {only, partner_of(only, weights.labels)} if only else set(weights.labels)
     if only and only not in weights.labels:
         raise zo.MeshError("'{name}' has no vertex group '{group}': choose another one.", name=obj.name, group=only)
     locked_groups = mesh_data.locked_groups(obj)
     locked = [
         label
         for label in weights.labels
-        if label in wanted and {label, counterpart_of(label, weights.labels)} & locked_groups
+        if label in wanted and {label, partner_of(label, weights.labels)} & locked_groups
     ]
     columns = [i for i, label in enumerate(weights.labels) if label in wanted and label not in locked]
     if not columns:
@@ -109,7 +109,7 @@ def _summary(name: str, chosen: _Chosen, direction: Direction) -> str:
     labels = chosen.weights.labels
     groups = message("{count} vertex groups of '{name}'", count=len(labels), name=name)
     done = message("Exchanged the sides of {what}" if direction == "exchange" else "Made {what} symmetric", what=groups)
-    if all(counterpart_of(label, labels) == label for label in labels):
+    if all(partner_of(label, labels) == label for label in labels):
         done = message("{done}; no name has a side, so each group was made symmetric", done=done)
     if chosen.locked:
         done = message("{done}; locked groups were not changed ({groups})", done=done, groups=", ".join(chosen.locked))
@@ -119,7 +119,7 @@ def _summary(name: str, chosen: _Chosen, direction: Direction) -> str:
 def _deforming(obj: Object, weights: Attribute) -> set[str]:
     """The groups that share a vertex among them: those of bones, or all of a skin without bones."""
     bones = mesh_data.deforming_bones(obj)
-    bones |= {counterpart_of(bone, bones) for bone in bones}
+    bones |= {partner_of(bone, bones) for bone in bones}
     if bones.intersection(weights.labels):
         return bones
     return set(weights.labels) if sum_to_one(weights.values) else set()

@@ -59,7 +59,7 @@ DIFFERENCES = {
     candidate_differences.BOTTOM: "Bottom Differs",
 }
 # Words for the probability of a candidate, from a probability on.
-WORDS = ((VERDICT.sure, "Certain"), (0.5, "Likely"), (0.1, "Possible"), (0.0, "Unlikely"))
+WORDS = ((VERDICT.certain, "Certain"), (0.5, "Likely"), (0.1, "Possible"), (0.0, "Unlikely"))
 # Labels of the buttons that select elements.
 SELECTED = {
     ZOOMOUT_OT_select_doubtful: "Doubtful",
@@ -149,7 +149,7 @@ def _draw_candidates(layout: UILayout, listing: CandidateList, enabled: bool) ->
     row.operator(ZOOMOUT_OT_swap_match_sides.bl_idname, text="Swap Sides", icon="MOD_MIRROR")
     row.operator(ZOOMOUT_OT_use_candidate.bl_idname, text="Next", icon="FORWARD")
     # A panel that is closed by default keeps its name only while the match is certain: it opens when it is not.
-    certain = listing.chosen == 0 and listing.candidates[0].certainty >= VERDICT.sure
+    certain = listing.chosen == 0 and listing.candidates[0].certainty >= VERDICT.certain
     header, body = layout.panel(CERTAIN if certain else UNCERTAIN, default_closed=certain)
     header.label(text="Candidates")
     if body is None:

@@ -172,7 +172,7 @@ def test_springs_of_added_joints_are_kept(path: Path, version: int, tmp_path: Pa
     before, after = (springs_of(tree_of(each)) for each in (path, tmp_path / "out.vrm"))
     assert after[: len(before)] == before
     assert after[len(before) :] == [([first] if version == 0 else [first, first + 1, first + 2], [head])]
-    # Without a counterpart of the head, the chain has no collider.
+    # Without a partner of the head, the chain has no collider.
     append_to_gltf(document, joints, hat_of(read_asset(path)), tmp_path / "free.vrm")
     assert faults(tmp_path / "free.vrm") == []
     assert springs_of(tree_of(tmp_path / "free.vrm"))[-1][1] == []

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Initial guesses, choice of bodies and notes of a match, on shapes of few vertices."""
+"""Initial hypotheses, choice of bodies and notes of a match, on shapes of few vertices."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from zoomout_core.matching import pipeline
 from zoomout_core.matching import result as result_module
 from zoomout_core.matching.components.bodies import Bodies
 from zoomout_core.matching.constraints import Constraints
-from zoomout_core.matching.hypotheses import guess as guess_module
+from zoomout_core.matching.hypotheses import collect
 from zoomout_core.matching.hypotheses.given import given_hypothesis
 from zoomout_core.matching.hypotheses.hypothesis import Hypothesis
 from zoomout_core.matching.hypotheses.landmarks import landmark_hypothesis
@@ -28,7 +28,7 @@ from zoomout_core.matching.preparation.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.preparation.proxy import proxy_size
 from zoomout_core.matching.ranking.rank import Candidate
 from zoomout_core.matching.refinement import dense_map
-from zoomout_core.matching.refinement.confidence import Counterparts
+from zoomout_core.matching.refinement.confidence import Partners
 from zoomout_core.matching.registration.nonrigid_icp import Fit
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.runtime.progress import Progress, advance, stage
@@ -107,7 +107,7 @@ def test_progress_of_bending_follows_that_of_refining(result: zo.MatchResult, mo
     monkeypatch.setattr(dense_map, "refine", refining)
     monkeypatch.setattr(dense_map, "fit_nonrigid", bending)
     monkeypatch.setattr(dense_map, "confidence_of", lambda *_: (np.ones(240), 0.0))
-    monkeypatch.setattr(dense_map, "counterparts_by_cycle", lambda *_: None)
+    monkeypatch.setattr(dense_map, "partners_by_cycle", lambda *_: None)
     fractions = fractions_of(lambda: dense_map.dense_map(result.pair, result.candidates[0]))
     assert fractions == sorted(fractions)
     # The map is refined and then bent; the reverse map is only refined.
@@ -158,8 +158,8 @@ def test_of_a_sure_map_nothing_is_said_of_its_probability(result: zo.MatchResult
     [
         (0.03, 0.02, 0.02, ()),
         (0.1, 0.02, 0.02, ("flips 10% of the target",)),
-        (0.03, 0.1, 0.02, ("of the target has no counterpart on the source",)),
-        (0.03, 0.02, 0.1, ("of the source has no counterpart on the target",)),
+        (0.03, 0.1, 0.02, ("of the target has no partner on the source",)),
+        (0.03, 0.02, 0.1, ("of the source has no partner on the target",)),
     ],
 )
 def test_what_is_turned_over_or_without_a_partner_is_said_where_it_is_much(
@@ -169,9 +169,9 @@ def test_what_is_turned_over_or_without_a_partner_is_said_where_it_is_much(
         return np.cumsum(shape.basis.areas) > share
 
     shapes = result.pair.source_shape, result.pair.target_shape
-    counterparts = Counterparts(lonely(shapes[1], of_target), lonely(shapes[0], of_source))
+    partners = Partners(lonely(shapes[1], of_target), lonely(shapes[0], of_source))
     monkeypatch.setattr(dense_map, "confidence_of", lambda *_: (np.ones(240), over))
-    monkeypatch.setattr(dense_map, "counterparts_by_cycle", lambda *_: counterparts)
+    monkeypatch.setattr(dense_map, "partners_by_cycle", lambda *_: partners)
     notes = notes_of(result, 0.97)
     assert len(notes) == len(words)
     assert all(some in note for some, note in zip(words, notes, strict=True))
@@ -209,17 +209,19 @@ def test_an_outline_leads_where_the_candidate_does(result: zo.MatchResult) -> No
     assert np.median(off) < 0.1 * np.sqrt(SOURCE.surface.area)
 
 
-# --- initial guesses --------------------------------------------------------------------------------------
+# --- initial hypotheses --------------------------------------------------------------------------------------
 
 
-def guesses(
+def hypotheses(
     pair: Pair, monkeypatch: pytest.MonkeyPatch, initial: str = "auto", known: Constraints = NOTHING, **given: Any
 ) -> list[Hypothesis]:
-    """Guess with the identity and a mirror as the only initial maps."""
+    """Generator with the identity and a mirror as the only initial maps."""
     two = [Hypothesis("identity", np.eye(5)), Hypothesis("mirror", np.diag([1.0, -1, 1, 1, 1]))]
-    monkeypatch.setattr(guess_module, "GUESSES", (lambda *_: two[:1], lambda *_: two[1:]))
-    by_landmarks = guess_module.guess_by_landmarks(pair, known)
-    return guess_module.guess(pair, initial, known, known.disagreement(pair), given.get("earlier"), by_landmarks)
+    monkeypatch.setattr(collect, "GENERATORS", (lambda *_: two[:1], lambda *_: two[1:]))
+    by_landmarks = collect.hypothesis_of_landmarks(pair, known)
+    return collect.collect_hypotheses(
+        pair, initial, known, known.disagreement(pair), given.get("earlier"), by_landmarks
+    )
 
 
 def origins(found: list[Hypothesis]) -> list[str]:
@@ -230,10 +232,10 @@ def test_what_is_known_is_tried_before_guesses(result: zo.MatchResult, monkeypat
     pair = result.pair
     earlier = Hypothesis("a given map", np.eye(5))
     known = replace(NOTHING, in_space=pair.source_shape.proxy.vertices)
-    assert origins(guesses(pair, monkeypatch)) == ["identity", "mirror"]
-    assert origins(guesses(pair, monkeypatch, "proximity")) == ["nearest points in space"]
-    assert guesses(pair, monkeypatch, "given", earlier=earlier) == [earlier]
-    found = guesses(pair, monkeypatch, known=known, earlier=earlier)
+    assert origins(hypotheses(pair, monkeypatch)) == ["identity", "mirror"]
+    assert origins(hypotheses(pair, monkeypatch, "proximity")) == ["nearest points in space"]
+    assert hypotheses(pair, monkeypatch, "given", earlier=earlier) == [earlier]
+    found = hypotheses(pair, monkeypatch, known=known, earlier=earlier)
     assert origins(found) == ["a given map", "nearest points in space", "identity", "mirror"]
     assert all(each.anchors is None for each in found)
 
@@ -244,15 +246,15 @@ def test_landmarks_and_regions_hold_every_guess_to_the_end(
     tips = np.array([3, 50, 120])
     legs = [np.flatnonzero(side.directions[:, 2] < -0.7) for side in (SOURCE, TARGET)]
     by_landmarks = replace(NOTHING, landmarks=(TRUTH[tips], tips))
-    both = guesses(result.pair, monkeypatch, known=replace(by_landmarks, regions=[tuple(legs)]))
+    both = hypotheses(result.pair, monkeypatch, known=replace(by_landmarks, regions=[tuple(legs)]))
     assert origins(both) == ["3 landmarks", "identity", "mirror"]
     for each in both:
         assert each.anchors is not None
         assert each.final_anchors is each.anchors
-    alone = guesses(result.pair, monkeypatch, known=by_landmarks)[0].anchors
-    regions = guesses(result.pair, monkeypatch, known=replace(NOTHING, regions=[tuple(legs)]))[0].anchors
+    alone = hypotheses(result.pair, monkeypatch, known=by_landmarks)[0].anchors
+    regions = hypotheses(result.pair, monkeypatch, known=replace(NOTHING, regions=[tuple(legs)]))[0].anchors
     assert both[0].anchors.source.shape[1] == alone.source.shape[1] + regions.source.shape[1]
-    # Landmarks of the user weigh more than places paired by guesses.
+    # Landmarks of the user weigh more than places paired by hypotheses.
     named = landmark_hypothesis(result.pair.source_shape, result.pair.target_shape, TRUTH[tips], tips).anchors
     ratio = np.abs(alone.source).sum() / np.abs(named.source).sum()
     assert 1.5 < ratio < 4
@@ -270,24 +272,24 @@ def test_all_signs_are_tried_where_a_shape_has_no_extremities(balls, result, mon
     shapes = [result.pair.source_shape, result.pair.target_shape]
     shapes[number] = balls[number]
     pair = replace(result.pair, source_shape=shapes[0], target_shape=shapes[1])
-    assert sum("signs" in origin for origin in origins(guesses(pair, monkeypatch))) > 20
+    assert sum("signs" in origin for origin in origins(hypotheses(pair, monkeypatch))) > 20
 
 
 def test_where_two_surfaces_lie_is_known_of_those_that_lie_over_each_other(result: zo.MatchResult) -> None:
     pair = result.pair
-    places = guess_module.gather_evidence(pair, NOTHING, None).in_space
+    places = collect.gather_evidence(pair, NOTHING, None).in_space
     assert places is not None
     there = pair.source_shape.proxy.full.to_surface(places)
     np.testing.assert_allclose(there, TARGET.surface.vertices[pair.target_shape.search.samples], atol=1e-9)
     itself = replace(pair, target=pair.source)
-    assert guess_module.gather_evidence(itself, NOTHING, None).in_space is None  # trivial for the surface itself
+    assert collect.gather_evidence(itself, NOTHING, None).in_space is None  # trivial for the surface itself
 
 
 def test_an_earlier_map_is_known_by_the_images_of_the_samples(result: zo.MatchResult) -> None:
     pair = result.pair
-    assert guess_module.gather_evidence(pair, NOTHING, None).earlier is None
+    assert collect.gather_evidence(pair, NOTHING, None).earlier is None
     samples = pair.target_shape.search.samples
-    images = guess_module.gather_evidence(pair, NOTHING, given_hypothesis(pair, TRUTH)).earlier
+    images = collect.gather_evidence(pair, NOTHING, given_hypothesis(pair, TRUTH)).earlier
     assert images is not None
     off = np.linalg.norm(SOURCE.surface.vertices[images] - TARGET.surface.vertices[samples], axis=1)
     assert np.median(off) < 0.1 * np.sqrt(SOURCE.surface.area)
@@ -364,15 +366,15 @@ def test_more_guesses_are_tried_where_no_map_is_likely_and_only_there(monkeypatc
         asked.append("further")
         return [Hypothesis("the right one", np.eye(8))]
 
-    monkeypatch.setattr(guess_module, "GUESSES", (lambda *_: [Hypothesis("wrong", np.diag([1.0, -1, -1, 1, 1, 1]))],))
-    monkeypatch.setattr(guess_module, "MORE_GUESSES", (further,))
+    monkeypatch.setattr(collect, "GENERATORS", (lambda *_: [Hypothesis("wrong", np.diag([1.0, -1, -1, 1, 1, 1]))],))
+    monkeypatch.setattr(collect, "MORE_GENERATORS", (further,))
     bent = creature(240, seed=1, bend=0.7)
     result = zo.match(SOURCE.surface, bent.surface, k_final=30)
     assert asked
     assert {one.origin for one in result.candidates} == {"wrong", "the right one"}
     assert result.candidates[0].origin == "the right one"
     asked.clear()
-    monkeypatch.setattr(guess_module, "GUESSES", (lambda *_: [Hypothesis("right", np.eye(8))],))
+    monkeypatch.setattr(collect, "GENERATORS", (lambda *_: [Hypothesis("right", np.eye(8))],))
     assert [one.origin for one in zo.match(SOURCE.surface, SOURCE.surface, k_final=30).candidates] == ["right"]
     zo.match(SOURCE.surface, bent.surface, k_final=30, initial="given", initial_map=true_vertex(SOURCE, bent))
     assert not asked

@@ -12,7 +12,7 @@ from scipy.spatial import ConvexHull
 
 import zoomout_core as zo
 from zoomout_core.matching import pipeline
-from zoomout_core.matching.hypotheses import guess
+from zoomout_core.matching.hypotheses import collect
 from zoomout_core.matching.ranking import rank as ranking
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.runtime.progress import Outlines
@@ -98,7 +98,7 @@ def test_three_landmarks_give_a_first_look_before_anything_is_guessed(coarse, mo
     resting, bent = coarse
     tips = np.array([int(np.argmax(bent.directions @ LIMBS[i])) for i in range(count)])
     landmarks = true_vertex(resting, bent)[tips], tips
-    monkeypatch.setattr(guess, "GUESSES", (too_late,))
+    monkeypatch.setattr(collect, "GENERATORS", (too_late,))
     with pytest.raises(ended):
         matched(coarse, landmarks=landmarks, progress=cancel_at_first_look)
 
@@ -228,7 +228,7 @@ def test_a_limb_that_the_source_lacks_is_given_no_confidence_and_the_rest_is_rig
     assert error.mean() < 2 * RIGHT
     assert (result.confidence[alone] < 0.5).mean() > 0.9
     assert np.median(result.confidence[common]) > np.median(result.confidence[alone]) + 0.3
-    assert any("of the target has no counterpart" in note for note in result.notes)
+    assert any("of the target has no partner" in note for note in result.notes)
     assert (~result.has_partner[alone]).mean() > 0.5
     assert result.has_partner[common].mean() > 0.97
     assert result.source_has_partner.mean() > 0.97
@@ -242,7 +242,7 @@ def test_a_limb_that_the_target_lacks_leaves_the_rest_right(limb: int) -> None:
     common = np.flatnonzero(~on_limb(target, limb))
     error = zo.geodesic_error(result.surface_map, source.surface, common, true_vertex(source, target)[common])
     assert error.mean() < 2 * RIGHT
-    assert any("of the source has no counterpart" in note for note in result.notes)
+    assert any("of the source has no partner" in note for note in result.notes)
     missing = on_limb(source, limb)
     assert (~result.source_has_partner[missing]).mean() > 0.5
     assert result.source_has_partner[~missing].mean() > 0.95

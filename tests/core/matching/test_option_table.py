@@ -16,7 +16,7 @@ from zoomout_core.matching.option_table import (
     NEAREST,
     OPTIONS,
     STARTS,
-    Door,
+    Interface,
     Kind,
     Option,
     select_options,
@@ -40,19 +40,21 @@ def test_defaults_are_those_of_the_library(option: Option) -> None:
 
 @pytest.mark.parametrize("option", OPTIONS.values(), ids=list(OPTIONS))
 def test_a_row_has_all_that_its_doors_show(option: Option) -> None:
-    assert option.doors
+    assert option.interfaces
     assert set(option.starts) <= set(STARTS)
-    assert (Door.BLENDER in option.doors) == bool(option.label)
+    assert (Interface.BLENDER in option.interfaces) == bool(option.label)
     assert bool(option.choices) == (option.kind in (Kind.START, Kind.CHOICE))
-    assert all(choice.label for choice in option.choices_at(Door.BLENDER) if Door.BLENDER in option.doors)
+    assert all(
+        choice.label for choice in option.choices_in(Interface.BLENDER) if Interface.BLENDER in option.interfaces
+    )
     for text in (option.help, *(choice.help for choice in option.choices)):
         assert text[0].isupper()
         assert not text.endswith(".")
 
 
 def test_filters_take_what_the_command_line_of_meshlab_hands_on() -> None:
-    flags = {option.name for option in select_options((*MATCHING, *ACCURACY), Door.COMMAND_LINE)}
-    parameters = {option.name for option in select_options((*MATCHING, *ACCURACY), Door.MESHLAB)}
+    flags = {option.name for option in select_options((*MATCHING, *ACCURACY), Interface.COMMAND_LINE)}
+    parameters = {option.name for option in select_options((*MATCHING, *ACCURACY), Interface.MESHLAB)}
     assert flags - parameters == {"earlier_map"}  # `read_options` turns it into the initial map
 
 

@@ -17,7 +17,7 @@ import zoomout_core as zo
 from zoomout_core.matching import retry as retry_module
 from zoomout_core.matching.attempt import Attempt
 from zoomout_core.matching.constraints import Constraints
-from zoomout_core.matching.hypotheses import guess as guess_module
+from zoomout_core.matching.hypotheses import collect
 from zoomout_core.matching.options import MatchOptions
 from zoomout_core.matching.partial.part_match import PART_MATCH
 from zoomout_core.matching.partial.region import REGION
@@ -167,7 +167,7 @@ def test_other_units_are_tried_unless_a_part_is_likely_or_the_map_of_wholes_is_c
 
 
 @pytest.mark.parametrize(
-    ("unsure", "options", "has_cuts", "tried", "factor"),
+    ("uncertain", "options", "has_cuts", "tried", "factor"),
     [
         (1.0, {}, True, True, 1.0),
         (0.0, {}, True, False, 1.0),
@@ -180,7 +180,12 @@ def test_other_units_are_tried_unless_a_part_is_likely_or_the_map_of_wholes_is_c
     ],
 )
 def test_a_part_is_looked_for_where_the_map_is_unsure_and_something_may_be_missing(
-    monkeypatch: pytest.MonkeyPatch, unsure: float, options: dict[str, Any], has_cuts: bool, tried: bool, factor: float
+    monkeypatch: pytest.MonkeyPatch,
+    uncertain: float,
+    options: dict[str, Any],
+    has_cuts: bool,
+    tried: bool,
+    factor: float,
 ) -> None:
     seen = []
 
@@ -190,10 +195,10 @@ def test_a_part_is_looked_for_where_the_map_is_unsure_and_something_may_be_missi
 
     monkeypatch.setattr(retry_module, "attempt_part", watched)
     monkeypatch.setattr(retry_module, "may_be_part", lambda _: has_cuts)
-    monkeypatch.setattr(guess_module, "GUESSES", ())
+    monkeypatch.setattr(collect, "GENERATORS", ())
     source, target = creature(200).surface, creature(180, seed=1).surface
     target = target.with_vertices(factor * target.vertices)
-    with retune(PART_MATCH, unsure=unsure):
+    with retune(PART_MATCH, uncertain=uncertain):
         result = zo.match(source, target, k_final=20, samples=100, **options)
     assert len(seen) == tried
     assert (result.candidates[0].certainty == 0.125) == tried
@@ -269,9 +274,9 @@ def test_a_note_says_that_shapes_of_very_different_size_are_in_different_units(
     monkeypatch.setattr(retry_module, "match_part", none_found)
     monkeypatch.setattr(retry_module, "match_at_unknown_scale", without_fragment)
     monkeypatch.setattr(retry_module, "may_be_part", lambda _: has_cuts)
-    monkeypatch.setattr(guess_module, "GUESSES", ())
+    monkeypatch.setattr(collect, "GENERATORS", ())
     source, target = creature(200).surface, creature(180, seed=1).surface
-    with retune(PART_MATCH, unsure=1.0):
+    with retune(PART_MATCH, uncertain=1.0):
         other_unit = target.with_vertices(target.vertices * factor)
         result = zo.match(source, other_unit, k_final=20, samples=100, landmarks=([0, 5], [0, 5]), partial=partial)
     assert (OTHER_UNITS in result.notes) == told

@@ -13,7 +13,7 @@ from creatures import creature
 
 import zoomout_core as zo
 from zoomout_core.matching.components.lift import LiftedMap
-from zoomout_core.matching.refinement.confidence import Counterparts
+from zoomout_core.matching.refinement.confidence import Partners
 from zoomout_core.matching.refinement.repair import Repair
 from zoomout_core.matching.report.verdict import VERDICT
 from zoomout_core.runtime.array_files import read_arrays
@@ -53,9 +53,9 @@ def test_a_saved_result_is_the_same_and_has_its_other_candidates(result: zo.Matc
 def test_doubts_count_by_area_not_by_vertices(result: zo.MatchResult) -> None:
     areas = result.target.vertex_areas
     small = areas < np.quantile(areas, 0.8)
-    unsure = replace(result, confidence=np.where(small, 0.2, 0.9))
-    assert unsure.faults.doubtful == pytest.approx(areas[small].sum() / areas.sum())
-    assert unsure.faults.doubtful < small.mean() - 0.05
+    uncertain = replace(result, confidence=np.where(small, 0.2, 0.9))
+    assert uncertain.faults.doubtful == pytest.approx(areas[small].sum() / areas.sum())
+    assert uncertain.faults.doubtful < small.mean() - 0.05
 
 
 def test_a_part_that_tears_cut_off_is_not_trusted_and_reported_as_torn(
@@ -103,7 +103,7 @@ def test_certainty_decreases_with_loose_parts_of_unknown_place(
     doubted = LiftedMap(
         found.surface_map,
         np.where(loose, confidence, 0.9),
-        Counterparts(found.has_partner, found.source_has_partner),
+        Partners(found.has_partner, found.source_has_partner),
         1.0,
         (),
     )

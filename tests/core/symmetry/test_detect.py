@@ -162,9 +162,7 @@ def test_eyes_change_places_and_a_nose_stays(bent: Creature) -> None:
     faces = [bent.surface.triangles, *(ball.faces + start for start in starts[1:-1])]
     whole = Surface(np.concatenate(points), np.concatenate(faces))
     symmetry = zo.detect_symmetry(whole)[0]
-    assert symmetry.notes == (
-        "3 loose parts mapped to their counterparts, or to themselves, by position, size and shape.",
-    )
+    assert symmetry.notes == ("3 loose parts mapped to their partners, or to themselves, by position, size and shape.",)
     part = np.searchsorted(starts, symmetry.surface_map.vertex, side="right") - 1
     for own, other, side in ((1, 2, 1), (2, 1, -1), (3, 3, None)):
         rows = slice(starts[own], starts[own + 1])

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import pytest
 
-from zoomout_core.symmetry.flip_name import counterpart_of, flip_name
+from zoomout_core.symmetry.flip_name import flip_name, partner_of
 
 PAIRS = [
     ("Arm.L", "Arm.R"),
@@ -47,10 +47,10 @@ IN_THE_MIDST = [
 
 @pytest.mark.parametrize(("left", "right"), IN_THE_MIDST)
 def test_a_side_in_the_midst_of_a_name_counts_if_there_is_the_other_one(left: str, right: str) -> None:
-    assert (counterpart_of(left, {left, right}), counterpart_of(right, {left, right})) == (right, left)
-    assert counterpart_of(left, {left}) == left
+    assert (partner_of(left, {left, right}), partner_of(right, {left, right})) == (right, left)
+    assert partner_of(left, {left}) == left
 
 
 def test_other_names_have_the_partners_that_blender_gives_them() -> None:
-    assert counterpart_of("Arm.L", ()) == "Arm.R"
-    assert counterpart_of("brightness", {"brightness", "spine"}) == "brightness"
+    assert partner_of("Arm.L", ()) == "Arm.R"
+    assert partner_of("brightness", {"brightness", "spine"}) == "brightness"

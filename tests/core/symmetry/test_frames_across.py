@@ -69,15 +69,15 @@ def test_candidates_that_keep_the_orientation_are_told_from_those_that_reverse_i
 ) -> None:
     shape, (symmetry, _) = mirror.shape, turned_about(mirror)
     images = mirror.surface_map.vertex, symmetry.surface_map.vertex, np.arange(len(EVEN))
-    guesses = [Hypothesis("", functional_map_of(image, shape.basis, shape.basis, 20, 20)) for image in images]
-    monkeypatch.setattr(detect, "GUESSES", (lambda _: guesses,))
+    hypotheses = [Hypothesis("", functional_map_of(image, shape.basis, shape.basis, 20, 20)) for image in images]
+    monkeypatch.setattr(detect, "GENERATORS", (lambda _: hypotheses,))
     found = find_candidates(shape)
     reached = []
     for one in found:
         places = shape.mesh.vertices[shape.search.samples]
         linear = np.linalg.lstsq(places, places[one.sample_map], rcond=None)[0]
         reached.append((one.reverses_orientation, tuple(np.sign(np.diag(linear)).astype(int))))
-    # The identity, one of the guesses, is excluded.
+    # The identity, one of the hypotheses, is excluded.
     assert sorted(reached) == [(False, (-1, -1, 1)), (True, (-1, 1, 1))]
 
 

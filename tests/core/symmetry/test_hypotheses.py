@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The right map is among a few initial guesses; round shapes get more guesses."""
+"""The right map is among a few initial hypotheses; round shapes get more hypotheses."""
 
 from __future__ import annotations
 
@@ -78,11 +78,11 @@ PROFILE = [(z, 1.0 - 0.25 * z + 0.1 * np.sin(4 * z)) for z in np.linspace(0, 2.6
 
 
 def closeness(hypotheses: list[Hypothesis], truth: np.ndarray) -> list[float]:
-    """Relative distance of each guess from the true map of the first functions."""
+    """Relative distance of each hypothesis from the true map of the first functions."""
     k = COUNT
     return [
-        float(np.linalg.norm(guess.functional_map[:k, :k] - truth[:k, :k]) / np.linalg.norm(truth[:k, :k]))
-        for guess in hypotheses
+        float(np.linalg.norm(hypothesis.functional_map[:k, :k] - truth[:k, :k]) / np.linalg.norm(truth[:k, :k]))
+        for hypothesis in hypotheses
     ]
 
 
@@ -98,14 +98,14 @@ def test_the_mirror_of_a_stone_is_among_few_blocks(stone: tuple[ShapeAnalysis, n
 
 def test_pairings_lead_back(animal: tuple[ShapeAnalysis, np.ndarray]) -> None:
     shape, _ = animal
-    for guess in mirroring_pairings(shape):
-        block = guess.functional_map
+    for hypothesis in mirroring_pairings(shape):
+        block = hypothesis.functional_map
         assert np.linalg.norm(block @ block - np.eye(len(block))) < np.linalg.norm(np.eye(len(block)))
 
 
 def test_blocks_are_orthogonal_distinct_and_no_more_than_asked_for(animal: tuple[ShapeAnalysis, np.ndarray]) -> None:
     shape, _ = animal
-    maps = [guess.functional_map for guess in blocks_of_eigenfunctions(shape)]
+    maps = [hypothesis.functional_map for hypothesis in blocks_of_eigenfunctions(shape)]
     assert 2 <= len(maps) <= 8
     for i, one in enumerate(maps):
         assert len(one) == COUNT + 1  # including the constant function
@@ -135,7 +135,7 @@ def test_turns_and_mirrors_of_round_things_are_among_the_blocks(sides: int) -> N
 def test_axes_of_a_cube_change_places() -> None:
     box = trimesh.creation.box().subdivide().subdivide().subdivide()
     shape = prepared(Surface(box.vertices, box.faces))
-    maps = [guess.functional_map[1:4, 1:4] for guess in blocks_of_eigenfunctions(shape)]
+    maps = [hypothesis.functional_map[1:4, 1:4] for hypothesis in blocks_of_eigenfunctions(shape)]
     # In each three-dimensional eigenspace a symmetry of the cube is a signed permutation of the axes.
     axes = np.linalg.lstsq(shape.basis.eigenvectors[:, 1:4], shape.mesh.vertices, rcond=None)[0]
     axes /= np.linalg.norm(axes, axis=0)
@@ -170,7 +170,7 @@ def test_descriptors_are_fitted_for_mirrors(stone: tuple[ShapeAnalysis, np.ndarr
 def test_a_mesh_with_few_functions_has_smaller_blocks(stone: tuple[ShapeAnalysis, np.ndarray]) -> None:
     shape = stone[0]
     few = analyse(shape.proxy.full, 10, 200, 0)
-    maps = [guess.functional_map for guess in blocks_of_eigenfunctions(few)]
+    maps = [hypothesis.functional_map for hypothesis in blocks_of_eigenfunctions(few)]
     assert len(maps) > 1
     assert all(2 <= len(block) <= 5 for block in maps)
 

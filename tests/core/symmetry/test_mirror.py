@@ -11,7 +11,7 @@ from creatures import Creature
 from scipy.sparse import csr_array
 
 import zoomout_core as zo
-from zoomout_core.symmetry.mirror import asymmetry, flip_names, mirror, symmetrise, with_counterparts
+from zoomout_core.symmetry.mirror import asymmetry, flip_names, mirror, symmetrise, with_partners
 
 NAMES = ("Arm.L", "Arm.R", "Spine")
 
@@ -57,7 +57,7 @@ def test_the_mean_of_both_sides_keeps_the_limit_of_groups(reflection: zo.Symmetr
 def test_groups_without_a_partner_get_one(reflection: zo.Symmetry, bent: Creature) -> None:
     truth = true_weights(bent.directions)
     one_sided = weights_of(truth[:, [0, 2]], ("Arm.L", "Spine"))
-    assert with_counterparts(one_sided).labels == ("Arm.L", "Spine", "Arm.R")
+    assert with_partners(one_sided).labels == ("Arm.L", "Spine", "Arm.R")
     flipped = flip_names(one_sided).values.toarray()
     np.testing.assert_array_equal(flipped, np.column_stack([0 * truth[:, 0], truth[:, 2], truth[:, 0]]))
     both = mirror(one_sided, reflection).values.toarray()
@@ -69,7 +69,7 @@ def test_a_name_in_odd_spelling_has_a_partner_all_the_same() -> None:
     flipped = flip_names(weights_of(np.array([[0.5, 0.25]]), ("arm lEFT", "Spine")))
     assert flipped.labels == ("arm lEFT", "Spine", "arm right")
     np.testing.assert_array_equal(flipped.values.toarray(), [[0, 0.25, 0.5]])
-    assert with_counterparts(flipped).labels == flipped.labels
+    assert with_partners(flipped).labels == flipped.labels
 
 
 def test_vertices_of_no_face_keep_what_they_have(reflection: zo.Symmetry, bent: Creature) -> None:

@@ -17,7 +17,7 @@ from zoomout_core.symmetry.mirror import (
     mirror,
     own_share_of,
     symmetrise,
-    with_counterparts,
+    with_partners,
 )
 from zoomout_core.symmetry.offsets import left_share, split_offsets
 from zoomout_core.symmetry.self_map import SelfMap
@@ -170,11 +170,11 @@ def test_values_that_are_alike_or_not_differ_if_any_of_their_numbers_does() -> N
 
 def test_partners_that_are_missing_are_added_once() -> None:
     skin = weights(LOPSIDED[:, [0, 2]], ("Hand.L", "Spine"))
-    both = with_counterparts(skin)
+    both = with_partners(skin)
     assert both.labels == ("Hand.L", "Spine", "Hand.R")
     assert both.values.shape == (len(X), 3)
-    assert with_counterparts(both) is both
-    assert with_counterparts(skin, others=("Hand.R",)).labels == both.labels
+    assert with_partners(both) is both
+    assert with_partners(skin, others=("Hand.R",)).labels == both.labels
 
 
 def test_asymmetry_is_how_far_values_are_from_the_other_side_s() -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Target regions without a counterpart are filled in from their surroundings, for every kind, or left unchanged."""
+"""Target regions without a partner are filled in from their surroundings, for every kind, or left unchanged."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from zoomout_core.transfer.continuation import extrapolate_map
 
 @dataclass
 class Masked:
-    """A map with full confidence everywhere, which is wrong where there is no counterpart."""
+    """A map with full confidence everywhere, which is wrong where there is no partner."""
 
     surface_map: SurfaceMap
     confidence: np.ndarray

@@ -50,7 +50,7 @@ def append_to_gltf(
     joints: Sequence[NewJoint],
     added: Asset,
     path: Path,
-    counterparts: Mapping[int, int] = MappingProxyType({}),
+    partners: Mapping[int, int] = MappingProxyType({}),
 ) -> tuple[str, ...]:
     """Write a document, and an asset in addition, to a .glb or .vrm file; returns sentences about what was left out.
 
@@ -63,7 +63,7 @@ def append_to_gltf(
         added: the asset. The nodes of its skin are numbers of the document's nodes, and then of the new joints. Its
             materials are those of its look, as are the spring bones of the joints.
         path: the file.
-        counterparts: the document's node for nodes of the asset's look, which colliders of springs are on.
+        partners: the document's node for nodes of the asset's look, which colliders of springs are on.
     """
     made = _Made.of(base)
     for joint in joints:
@@ -72,7 +72,7 @@ def append_to_gltf(
     notes = list[str]()
     if added.look is not None:
         copies = {each.origin: first - len(joints) + at for at, each in enumerate(joints) if each.origin >= 0}
-        notes += copy_springs(made.tree, added.look.tree, copies, {**counterparts, **copies})
+        notes += copy_springs(made.tree, added.look.tree, copies, {**partners, **copies})
     shell = _shell(made, added)
     drawn = deepcopy(shell.gltf)
     drawn.accessors = []

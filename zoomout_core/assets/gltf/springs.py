@@ -15,27 +15,27 @@ from zoomout_core.messages import message
 Tree: TypeAlias = dict[str, Any]
 
 
-def copy_springs(made: Tree, other: Tree, nodes: Mapping[int, int], counterparts: Mapping[int, int]) -> list[str]:
+def copy_springs(made: Tree, other: Tree, nodes: Mapping[int, int], partners: Mapping[int, int]) -> list[str]:
     """Copy the spring bones whose nodes were copied; returns notes.
 
     Args:
         made: the JSON of the document that receives them.
         other: the JSON of the document that has them.
         nodes: the number of the copy of each copied node.
-        counterparts: the number of the counterpart, or of the copy, of each node that has one; colliders and centres
+        partners: the number of the partner, or of the copy, of each node that has one; colliders and centres
             refer to these.
     """
     mine, theirs = object_at(made, "extensions"), object_at(other, "extensions")
     if SPRINGS in theirs and VRM_1 in mine:
-        _copy_1(made, theirs[SPRINGS], nodes, counterparts)
+        _copy_1(made, theirs[SPRINGS], nodes, partners)
     elif VRM_0 in theirs and VRM_0 in mine:
-        _copy_0(mine[VRM_0], theirs[VRM_0], nodes, counterparts)
+        _copy_0(mine[VRM_0], theirs[VRM_0], nodes, partners)
     elif nodes and (SPRINGS in theirs or VRM_0 in theirs) and (VRM_0 in mine or VRM_1 in mine):
         return [message("The outfit's spring bones were left out, because the avatar has another version of VRM.")]
     return []
 
 
-def _copy_1(made: Tree, given: Tree, nodes: Mapping[int, int], counterparts: Mapping[int, int]) -> None:
+def _copy_1(made: Tree, given: Tree, nodes: Mapping[int, int], partners: Mapping[int, int]) -> None:
     """Copy the chains of VRM 1."""
     springs = [
         spring
@@ -48,7 +48,7 @@ def _copy_1(made: Tree, given: Tree, nodes: Mapping[int, int], counterparts: Map
     colliders, groups = objects_at(given, "colliders"), objects_at(given, "colliderGroups")
 
     def copy_collider(number: int) -> Tree | None:
-        node = counterparts.get(int(colliders[number].get("node", -1)))
+        node = partners.get(int(colliders[number].get("node", -1)))
         return None if node is None else {**deepcopy(colliders[number]), "node": node}
 
     collider = _once(own, "colliders", colliders, copy_collider)
@@ -62,7 +62,7 @@ def _copy_1(made: Tree, given: Tree, nodes: Mapping[int, int], counterparts: Map
         copied = deepcopy(spring)
         for joint in copied["joints"]:
             joint["node"] = nodes[joint["node"]]
-        center = counterparts.get(copied.pop("center", -1))
+        center = partners.get(copied.pop("center", -1))
         if center is not None and _is_above(made, center, copied["joints"][0]["node"]):
             copied["center"] = center
         kept = [new for each in list_at(copied, "colliderGroups") if (new := group(each)) is not None]
@@ -71,14 +71,14 @@ def _copy_1(made: Tree, given: Tree, nodes: Mapping[int, int], counterparts: Map
         own.setdefault("springs", []).append(copied)
 
 
-def _copy_0(avatar: Tree, given: Tree, nodes: Mapping[int, int], counterparts: Mapping[int, int]) -> None:
+def _copy_0(avatar: Tree, given: Tree, nodes: Mapping[int, int], partners: Mapping[int, int]) -> None:
     """Copy the chains of VRM 0, of which a group lists the roots."""
     animation = object_at(given, "secondaryAnimation")
     own = avatar.setdefault("secondaryAnimation", {"boneGroups": [], "colliderGroups": []})
     groups = objects_at(animation, "colliderGroups")
 
     def copy_group(number: int) -> Tree | None:
-        node = counterparts.get(int(groups[number].get("node", -1)))
+        node = partners.get(int(groups[number].get("node", -1)))
         return None if node is None else {**deepcopy(groups[number]), "node": node}
 
     group = _once(own, "colliderGroups", groups, copy_group)
@@ -87,7 +87,7 @@ def _copy_0(avatar: Tree, given: Tree, nodes: Mapping[int, int], counterparts: M
         if roots:
             kept = [new for each in list_at(chains, "colliderGroups") if (new := group(each)) is not None]
             copied = {**deepcopy(chains), "bones": roots, "colliderGroups": kept}
-            copied["center"] = counterparts.get(chains.get("center", -1), -1)
+            copied["center"] = partners.get(chains.get("center", -1), -1)
             own.setdefault("boneGroups", []).append(copied)
 
 

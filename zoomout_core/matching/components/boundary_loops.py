@@ -38,9 +38,9 @@ class BoundaryLoop:
     size: float  # root mean square distance from the centre
 
 
-def loops_on_loops(part: Part, counterpart: Part) -> Floats:
-    """(n, 3) a part's points, moved so that its boundary loops lie on those of its counterpart; the rest follows."""
-    ours, theirs = boundary_loops(part), boundary_loops(counterpart)
+def loops_on_loops(part: Part, partner: Part) -> Floats:
+    """(n, 3) a part's points, moved so that its boundary loops lie on those of its partner; the rest follows."""
+    ours, theirs = boundary_loops(part), boundary_loops(partner)
     if not ours or not theirs:
         return part.points
     stiffness, areas = mesh_laplacian(part.rest, part.corners)

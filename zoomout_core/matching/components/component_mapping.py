@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Map loose parts: move them with the body, then project them to counterparts, other parts, or all parts."""
+"""Map loose parts: move them with the body, then project them to partners, other parts, or all parts."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ MIN_DEFORMABLE_SIZE = 0.06
 SAME_PLACE_DISTANCE = 0.25
 # Weight of normals against positions, in sizes of the part, or in `BODY_MAP_ERROR` where that is smaller.
 NORMAL_WEIGHT = 0.35
-# Confidence in an exact fit to the part's counterpart, and in one to any other part.
-COUNTERPART_CONFIDENCE = 0.9
+# Confidence in an exact fit to the part's partner, and in one to any other part.
+PARTNER_CONFIDENCE = 0.9
 OTHER_PART_CONFIDENCE = 0.5
-# Misfit that halves the confidence in a counterpart.
+# Misfit that halves the confidence in a partner.
 HALF_CONFIDENCE_MISFIT = 0.5
 NO_VERTICES = np.zeros(0, dtype=np.int64)
 
@@ -42,7 +42,7 @@ class Image:
     vertices: Integers  # (n,) of the target's working mesh
     triangle: Integers  # (n,) of the source's working mesh
     barycentric: Floats  # (n, 3) in it
-    trust: Floats  # (n,) in [0, 1]
+    confidence: Floats  # (n,) in [0, 1]
 
     @classmethod
     def concatenate(cls, images: Sequence[Image]) -> Image:
@@ -57,7 +57,7 @@ class ComponentMap:
     """The map of the loose parts."""
 
     image: Image = field(default_factory=lambda: Image.concatenate([]))  # images of the parts that have one
-    paired: int = 0  # number of the target's parts that have a counterpart
+    paired: int = 0  # number of the target's parts that have a partner
     others: int = 0  # number of those that map to other parts
     alone: int = 0  # number of those without an image
     fused: int = 0  # number of the source's parts that the target shows fused with its body
@@ -96,7 +96,7 @@ def _is_visible(part: Part, pair: Pair, source: Side) -> bool:
 
 def _onto_fused(fused: FusedPart, part: Part, source: Side) -> Image:
     """The image on a part of the vertices of the target that show it."""
-    most = COUNTERPART_CONFIDENCE / (1 + (fused.residual / HALF_CONFIDENCE_MISFIT) ** 2)
+    most = PARTNER_CONFIDENCE / (1 + (fused.residual / HALF_CONFIDENCE_MISFIT) ** 2)
     return _onto(fused.vertices, part.size, fused.points, fused.normals, [part], source, most)[0]
 
 
@@ -106,22 +106,22 @@ def _map_parts(
     """Map the target's loose parts; returns also the numbers of the source's parts that have images on them."""
     points, normals, around = _carry(target, motion)
     ours = target.parts(points)
-    counterparts, misfit = pair_parts(
+    partners, misfit = pair_parts(
         ours[:MAX_PAIRED_PARTS],
         theirs[:MAX_PAIRED_PARTS],
         target.members([of_target for _, of_target in pair.regions])[:MAX_PAIRED_PARTS],
         source.members([of_source for of_source, _ in pair.regions])[:MAX_PAIRED_PARTS],
     )
-    found, rest, met, others = [], ours[MAX_PAIRED_PARTS:], set(counterparts.values()), 0
+    found, rest, met, others = [], ours[MAX_PAIRED_PARTS:], set(partners.values()), 0
     for i, part in enumerate(ours[:MAX_PAIRED_PARTS]):
-        counterpart, strange = counterparts.get(i), np.isinf(misfit[i])
-        pieces = _pieces(part, counterpart, theirs[:MAX_PAIRED_PARTS], set(counterparts.values()), strange)
-        image = _onto_pieces(part, normals[part.vertices], pieces, counterpart, misfit[i], theirs, source)
+        partner, strange = partners.get(i), np.isinf(misfit[i])
+        pieces = _pieces(part, partner, theirs[:MAX_PAIRED_PARTS], set(partners.values()), strange)
+        image = _onto_pieces(part, normals[part.vertices], pieces, partner, misfit[i], theirs, source)
         if image is None:
             rest += [] if strange.any() else [part]
             continue
         found.append(image if part.size < MIN_DEFORMABLE_SIZE else _beside_body(image, around))
-        others += counterpart is None
+        others += partner is None
         met.update(pieces)
     among_all = _onto_all(rest, source)
     number = np.cumsum(np.arange(source.mesh.component.max() + 1) != source.body) - 1
@@ -129,10 +129,10 @@ def _map_parts(
         met.update(number[source.mesh.component[source.mesh.triangles[image.triangle, 0]]].tolist())
         found.append(_beside_body(image, around))
     others += len(among_all)
-    alone = len(ours) - len(counterparts) - others
+    alone = len(ours) - len(partners) - others
     unpaired = max(len(ours), len(theirs)) - MAX_PAIRED_PARTS
     image = Image.concatenate(found)
-    return ComponentMap(image, len(counterparts), others, alone, too_many=max(unpaired, 0)), met
+    return ComponentMap(image, len(partners), others, alone, too_many=max(unpaired, 0)), met
 
 
 def _motion(pair: Pair, source: Side, target: Side, body: SurfaceMap, confidence: Floats) -> SimilarityField:
@@ -143,10 +143,10 @@ def _motion(pair: Pair, source: Side, target: Side, body: SurfaceMap, confidence
 
 
 def _carry(target: Side, motion: SimilarityField) -> tuple[Floats, Floats, Floats]:
-    """(n, 3) points, (n, 3) normals and (n,) trust of the target's mesh, its loose parts moved with the body."""
+    """(n, 3) points, (n, 3) normals and (n,) confidence of the target's mesh, its loose parts moved with the body."""
     loose = np.flatnonzero(target.loose)
     before, turned_from = target.points[loose], target.mesh.vertex_normals[loose]
-    after, turned_to, trust = motion.carry(before, turned_from)
+    after, turned_to, confidence = motion.carry(before, turned_from)
     _, label = np.unique(target.mesh.component[loose], return_inverse=True)
     areas = target.areas[loose]
     share = csr_array((areas / np.bincount(label, areas)[label], (label, np.arange(len(loose)))))
@@ -155,21 +155,21 @@ def _carry(target: Side, motion: SimilarityField) -> tuple[Floats, Floats, Float
     affine = affine_maps(moments, motion.handedness)[label[small]]
     after[small], turned_to[small] = transform_points(affine, before[small], turned_from[small])
     everywhere = np.zeros((len(target.points), 7))
-    everywhere[loose] = np.column_stack([after, turned_to, trust])
+    everywhere[loose] = np.column_stack([after, turned_to, confidence])
     return everywhere[:, :3], everywhere[:, 3:6], everywhere[:, 6]
 
 
 def _pieces(
-    part: Part, counterpart: int | None, theirs: Sequence[Part], counterparts: set[int], strange: Booleans
+    part: Part, partner: int | None, theirs: Sequence[Part], partners: set[int], strange: Booleans
 ) -> list[int]:
     """Numbers of the source's parts that a part of the target maps to.
 
-    These are its counterpart and, if that is only a piece of it, the other pieces; otherwise the part that it is a
+    These are its partner and, if that is only a piece of it, the other pieces; otherwise the part that it is a
     piece of. Parts that regions exclude are never among them.
     """
-    pieces = [] if counterpart is None else [counterpart]
+    pieces = [] if partner is None else [partner]
     for j, other in enumerate(theirs):
-        inside = j not in counterparts and not strange[j] and _lies_on(other, part)
+        inside = j not in partners and not strange[j] and _lies_on(other, part)
         if inside and not any(_lies_on(other, theirs[piece]) for piece in pieces):
             pieces.append(j)
     if not pieces:
@@ -189,7 +189,7 @@ def _onto_pieces(
     part: Part,  # of the target
     normals: Floats,  # (n, 3) of its vertices, on the source
     pieces: list[int],  # what it lies on
-    counterpart: int | None,  # its counterpart among them, if it has one
+    partner: int | None,  # its partner among them, if it has one
     misfit: Floats,  # (q,) with each of the source's parts
     theirs: Sequence[Part],  # the source's parts
     source: Side,  # with these parts
@@ -198,21 +198,21 @@ def _onto_pieces(
     if not pieces:
         return None
     onto = [theirs[j] for j in pieces]
-    if pieces == [counterpart]:
-        most = COUNTERPART_CONFIDENCE / (1 + (float(misfit[pieces[0]]) / HALF_CONFIDENCE_MISFIT) ** 2)
+    if pieces == [partner]:
+        most = PARTNER_CONFIDENCE / (1 + (float(misfit[pieces[0]]) / HALF_CONFIDENCE_MISFIT) ** 2)
         return _onto(part.vertices, part.size, _correct_towards(part, onto[0]), normals, onto, source, most)[0]
     image, residual = _onto(part.vertices, part.size, part.points, normals, onto, source, OTHER_PART_CONFIDENCE)
-    return image if counterpart is not None or _fits(part, residual) else None
+    return image if partner is not None or _fits(part, residual) else None
 
 
-def _correct_towards(part: Part, counterpart: Part) -> Floats:
-    """(n, 3) a part's points, corrected by its counterpart for errors of the body's map.
+def _correct_towards(part: Part, partner: Part) -> Floats:
+    """(n, 3) a part's points, corrected by its partner for errors of the body's map.
 
-    A small part takes its counterpart's centre and size, the boundary loops of a large one those of its counterpart.
+    A small part takes its partner's centre and size, the boundary loops of a large one those of its partner.
     """
     if part.size < MIN_DEFORMABLE_SIZE:
-        return (part.points - part.centre) * (counterpart.size / max(part.size, 1e-12)) + counterpart.centre
-    return loops_on_loops(part, counterpart)
+        return (part.points - part.centre) * (partner.size / max(part.size, 1e-12)) + partner.centre
+    return loops_on_loops(part, partner)
 
 
 def _onto(
@@ -227,7 +227,7 @@ def _onto(
     """The closest points of some pieces of the source, in place and normal, and (n,) the distances to them.
 
     Vertices (n,) of the target, of a part of some size, lie at `points` (n, 3) on the source, with `normals` (n, 3);
-    an exact fit has trust `most`.
+    an exact fit has confidence `most`.
     """
     first = np.cumsum([0] + [len(piece.vertices) for piece in pieces])
     positions = np.concatenate([piece.points for piece in pieces])
@@ -245,7 +245,7 @@ def _onto(
     )
     residual = np.linalg.norm(np.einsum("nc,ncx->nx", barycentric, positions[corners[triangle]]) - points, axis=1)
     of_source = np.concatenate([piece.triangles for piece in pieces])[triangle]
-    return Image(vertices, of_source, barycentric, _trust(most, residual)), residual
+    return Image(vertices, of_source, barycentric, _confidence(most, residual)), residual
 
 
 def _onto_all(parts: Sequence[Part], source: Side) -> list[Image]:
@@ -260,7 +260,7 @@ def _onto_all(parts: Sequence[Part], source: Side) -> list[Image]:
     ends = np.cumsum([len(part.vertices) for part in parts])
     split = (np.split(array, ends[:-1]) for array in (triangles[triangle], barycentric, residual))
     return [
-        Image(part.vertices, onto, at, _trust(OTHER_PART_CONFIDENCE, off))
+        Image(part.vertices, onto, at, _confidence(OTHER_PART_CONFIDENCE, off))
         for part, onto, at, off in zip(parts, *split, strict=True)
         if _fits(part, off)
     ]
@@ -271,11 +271,11 @@ def _fits(part: Part, residual: Floats) -> bool:
     return float(np.sqrt(part.weights @ residual**2)) <= SAME_PLACE_DISTANCE * (part.size + BODY_MAP_ERROR)
 
 
-def _trust(most: float, residual: Floats) -> Floats:
+def _confidence(most: float, residual: Floats) -> Floats:
     """(n,) factor of the confidence in an image at distances (n,)."""
     return np.asarray(most / (1 + (residual / BODY_MAP_ERROR) ** 2))
 
 
 def _beside_body(image: Image, around: Floats) -> Image:
-    """An image whose trust owes as much to the body around it, (n,) for all vertices, as to its own fit."""
-    return replace(image, trust=np.sqrt(image.trust * around[image.vertices]))
+    """An image whose confidence owes as much to the body around it, (n,) for all vertices, as to its own fit."""
+    return replace(image, confidence=np.sqrt(image.confidence * around[image.vertices]))

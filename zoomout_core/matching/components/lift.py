@@ -17,13 +17,13 @@ from zoomout_core.matching.components.shells import ShellMap, map_shells
 from zoomout_core.matching.pair import Pair, target_in_space
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 from zoomout_core.matching.preparation.proxy import Proxy
-from zoomout_core.matching.refinement.confidence import Counterparts
+from zoomout_core.matching.refinement.confidence import Partners
 from zoomout_core.matching.registration.nonrigid_icp import Fit, lift_fit, replace_images
 from zoomout_core.mesh.surface import Surface, measurable
 from zoomout_core.mesh.triangles import triangle_areas
 from zoomout_core.messages import message, plural
 
-PAIRED_SHELLS = "{paired} of {count} parts matched to their counterparts by position, size and shape{others}."
+PAIRED_SHELLS = "{paired} of {count} parts matched to their partners by position, size and shape{others}."
 # Sentences about the numbers of loose parts in a `ComponentMap`: of two surfaces, and of one that is matched to itself.
 TOO_MANY = "{parts} beyond the {most} largest, too many to pair: mapped to the nearest surface."
 OF_TWO = {
@@ -35,7 +35,7 @@ OF_TWO = {
     "left": "{parts} of the source without a partner: no part of the target was matched to them.",
 }
 OF_ONE = {
-    "paired": "{parts} mapped to their counterparts, or to themselves, by position, size and shape.",
+    "paired": "{parts} mapped to their partners, or to themselves, by position, size and shape.",
     "others": "{parts} mapped to other parts at the same position.",
     "too_many": TOO_MANY,
     "alone": "{parts} without a partner: mapped to the nearest point of the body, with zero confidence.",
@@ -52,15 +52,15 @@ class LiftedMap(NamedTuple):
 
     surface_map: SurfaceMap  # from the target to the source
     confidence: Floats  # (n_t,) in it
-    counterparts: Counterparts  # of the surfaces; vertices without a face count as having one
+    partners: Partners  # of the surfaces; vertices without a face count as having one
     placed: float  # the part of the target's area, in [0, 1], for which there is something on the source
     notes: tuple[str, ...]  # sentences for the user about parts
 
 
-def lift(pair: Pair, fit: Fit, confidence: Floats, counterparts: Counterparts) -> LiftedMap:
+def lift(pair: Pair, fit: Fit, confidence: Floats, partners: Partners) -> LiftedMap:
     """The map between the shapes' meshes as a map between the surfaces, in their own numbers."""
     if pair.target_shape.proxy.full.is_hull:
-        return _from_shells(pair, map_shells(pair, fit, confidence, counterparts))
+        return _from_shells(pair, map_shells(pair, fit, confidence, partners))
     source, target = pair.source_shape.proxy, pair.target_shape.proxy
     between_parts = lift_fit(fit, source, target, target_in_space(pair))
     loose = map_components(pair, between_parts, confidence)
@@ -77,20 +77,18 @@ def lift(pair: Pair, fit: Fit, confidence: Floats, counterparts: Counterparts) -
     number = np.where(pair.target.working.vertex_of >= 0, number[pair.target.working.vertex_of], -1)
     placed = number >= 0
     triangle[placed] = pair.source.working.triangle_of[loose.image.triangle[number[placed]]]
-    barycentric[placed], trust[placed] = loose.image.barycentric[number[placed]], loose.image.trust[number[placed]]
+    barycentric[placed], trust[placed] = loose.image.barycentric[number[placed]], loose.image.confidence[number[placed]]
     whole = SurfaceMap(triangle, barycentric, pair.source.triangles)
     areas = triangle_areas(pair.target.vertices, pair.target.triangles)
     share = float(areas[(on_body | placed)[pair.target.triangles].any(axis=1)].sum() / areas.sum())
     alone = (pair.target.working.vertex_of >= 0) & ~on_body & ~placed
     left = np.isin(pair.source.working.vertex_of, loose.left_vertices)
-    both = Counterparts(
-        _on_surface(target, counterparts.target, ~alone), _on_surface(source, counterparts.source, ~left)
-    )
+    both = Partners(_on_surface(target, partners.target, ~alone), _on_surface(source, partners.source, ~left))
     return LiftedMap(_with_the_rest(pair, whole, on_body, on_body | placed), trust, both, share, _notes(pair, loose))
 
 
 def _on_surface(proxy: Proxy, has_partner: Booleans, beside: Booleans) -> Booleans:
-    """(n,) which vertices of a surface have a counterpart.
+    """(n,) which vertices of a surface have a partner.
 
     On its main part, this is known of the proxy's vertices, by `has_partner` (m,), and elsewhere by `beside` (n,).
     """
@@ -111,9 +109,9 @@ def _from_shells(pair: Pair, shells: ShellMap) -> LiftedMap:
     confidence = np.where(of >= 0, shells.confidence[near], 0)
     triangle = pair.source.working.triangle_of[shells.surface_map.triangle[near]]
     whole = SurfaceMap(triangle, shells.surface_map.barycentric[near], pair.source.triangles)
-    of_source, known = pair.source.working.vertex_of, shells.counterparts
-    counterparts = Counterparts((of < 0) | known.target[of], (of_source < 0) | known.source[of_source])
-    return LiftedMap(whole, confidence, counterparts, 1 - shells.alone, _notes_on_shells(pair, shells))
+    of_source, known = pair.source.working.vertex_of, shells.partners
+    partners = Partners((of < 0) | known.target[of], (of_source < 0) | known.source[of_source])
+    return LiftedMap(whole, confidence, partners, 1 - shells.alone, _notes_on_shells(pair, shells))
 
 
 def _notes_on_shells(pair: Pair, shells: ShellMap) -> tuple[str, ...]:

@@ -2,7 +2,7 @@
 """Pair the loose parts of two surfaces: eyes, teeth, buttons, clothes, hair.
 
 The spectrum of a part does not distinguish a left eye from a right one. The map of the body does: it moves the parts of
-the target to the source, where counterparts have the same position and size. Parts at the same position, such as a coat
+the target to the source, where partners have the same position and size. Parts at the same position, such as a coat
 and a shirt, differ in shape.
 """
 
@@ -28,11 +28,11 @@ from zoomout_core.spectral.sampling import farthest_points
 MAX_PAIRED_PARTS = 300
 # Sample vertices by which parts are compared.
 SAMPLES_PER_PART = 32
-# Candidate counterparts of a part, by distance and size; only these are compared sample by sample.
-CANDIDATE_COUNTERPARTS = 6
+# Candidate partners of a part, by distance and size; only these are compared sample by sample.
+CANDIDATE_PARTNERS = 6
 # Expected error of the body's map at a part, at unit area.
 BODY_MAP_ERROR = 0.045
-# Largest misfit of counterparts in position, size and shape, in sizes of the part.
+# Largest misfit of partners in position, size and shape, in sizes of the part.
 MAX_MISFIT = 0.5
 # Weight of the difference in shape, that of the quantiles below, in the misfit.
 SHAPE_WEIGHT = 2.0
@@ -165,7 +165,7 @@ def pair_parts(
     relation = relation_of(of_target, of_source)
     misfit = np.where(np.isinf(relation), np.inf, 10 * MAX_MISFIT)
     possible = (rough <= 2 * MAX_MISFIT) & np.isfinite(relation)
-    possible &= rough <= np.sort(rough, axis=1)[:, :CANDIDATE_COUNTERPARTS][:, -1:]
+    possible &= rough <= np.sort(rough, axis=1)[:, :CANDIDATE_PARTNERS][:, -1:]
     close = possible & (rough <= MAX_MISFIT)
     contested = (close.sum(axis=1) > 1)[:, None] | (close.sum(axis=0) > 1)
     for i, j in np.argwhere(possible):

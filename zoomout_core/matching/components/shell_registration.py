@@ -100,16 +100,16 @@ def register_shells(
         centre = np.einsum("qij,qj->qi", rotation, target.centre[of_target]) * start.scale[:, None]
         motion = Similarities(start.scale, rotation, source.centre[of_source] - centre)
         for _ in range(SHELL_ICP.rounds):
-            here, there, _ = _counterparts(target, source, of_target, of_source, motion)
+            here, there, _ = _partners(target, source, of_target, of_source, motion)
             motion = procrustes(here, there, None, handedness, scales)
         both.append(motion)
-        left.append(np.sqrt((_counterparts(target, source, of_target, of_source, motion)[2] ** 2).mean(axis=1)))
+        left.append(np.sqrt((_partners(target, source, of_target, of_source, motion)[2] ** 2).mean(axis=1)))
     second = left[1] < SHELL_ICP.clearly_less * left[0]
     q = np.arange(len(of_target))
     return Similarities.concatenate(both)[q + len(q) * second], np.where(second, left[1], left[0])
 
 
-def _counterparts(
+def _partners(
     target: Shells, source: Shells, of_target: Integers, of_source: Integers, motion: Similarities
 ) -> tuple[Floats, Floats, Floats]:
     """Points (q, 2s, 3) of target shells, the points (q, 2s, 3) of source shells nearest to them, and distances."""

@@ -23,6 +23,8 @@ from zoomout_core.spectral.eigenbasis import SpectralBasis
 POOLING_LENGTHS = (0.04, 0.1, 0.25)
 # Nearest vertices of the body whose similarities are blended at a point.
 BLENDED_NEIGHBOURS = 12
+# Points that are moved at once, which bounds the memory.
+AT_ONCE = 50_000
 # Largest factor between a local scale and the body's median: maps shrink or stretch places by mistake.
 MAX_SCALE_RATIO = 2.0
 
@@ -33,7 +35,7 @@ class SimilarityField:
 
     places: Floats  # (n, 3) vertices of the body's mesh, in a frame in which its area is one
     images: Floats  # (n, 3) their images
-    trust: Floats  # (n,) confidence in the images
+    confidence: Floats  # (n,) confidence in the images
     basis: SpectralBasis  # of the body's mesh
 
     @cached_property
@@ -63,7 +65,7 @@ class SimilarityField:
         return self._moments[1].rotations(self.handedness)[near]
 
     def carry(self, points: Floats, normals: Floats) -> tuple[Floats, Floats, Floats]:
-        """Move points (q, 3) around the body, and turn directions (q, 3); returns both, and (q,) trust in the body."""
+        """Move points (q, 3) around the body, and turn directions (q, 3); returns both, and (q,) confidence."""
         count = min(BLENDED_NEIGHBOURS, len(self.places))
         distance, near = (np.reshape(part, (len(points), count)) for part in self._tree.query(points, count))
         weights = (1 - distance / (distance[:, -1:] * (1 + 1e-3) + 1e-300)) ** 2
@@ -78,7 +80,14 @@ class SimilarityField:
             rows = np.flatnonzero(share)
             if len(rows):
                 affine[rows] += share[rows, None] * (blend[rows] @ affine_maps(moments, self.handedness))
-        return *transform_points(affine, points, normals), blend @ self.trust
+        return *transform_points(affine, points, normals), blend @ self.confidence
+
+
+def carry_in_blocks(motion: SimilarityField, points: Floats, normals: Floats) -> tuple[Floats, Floats, Floats]:
+    """`SimilarityField.carry` for any number of points."""
+    pieces = np.array_split(np.arange(len(points)), 1 + len(points) // AT_ONCE)
+    places, turned, confidence = zip(*(motion.carry(points[some], normals[some]) for some in pieces), strict=True)
+    return np.concatenate(places), np.concatenate(turned), np.concatenate(confidence)
 
 
 def affine_maps(moments: Moments, handedness: float) -> Floats:

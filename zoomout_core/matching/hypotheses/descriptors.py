@@ -47,7 +47,7 @@ def descriptor_hypotheses(
     sides: tuple[int, ...] = (1, -1),  # 1 for maps that keep the orientation, -1 for those that reverse it
 ) -> list[Hypothesis]:
     """The distinct fits of the best scores: some that keep the orientation, and as many that reverse it."""
-    return [guess for side in sides for guess in _best_fits(source, target, side, disagreement)]
+    return [hypothesis for side in sides for hypothesis in _best_fits(source, target, side, disagreement)]
 
 
 def _best_fits(source: ShapeAnalysis, target: ShapeAnalysis, sign: int, disagreement: Disagreement) -> list[Hypothesis]:

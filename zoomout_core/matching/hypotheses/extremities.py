@@ -141,7 +141,7 @@ def _best_maps(
     found = [pairing for pairing in _all_pairings(tips_target, tips_source) if wanted(*pairing)]
     at_source, at_target = tips_source.places.at(source.search.samples), tips_target.places.at(target.search.samples)
     size = min(EXTREMITIES.coarse_size, source.search.rows.shape[1], target.search.rows.shape[1])
-    guesses = []
+    hypotheses = []
     for side in sides if found else ():
         scores, places = [], []
         features: dict[bytes, Floats] = {}  # of the target's tips: many pairings have the same
@@ -166,8 +166,8 @@ def _best_maps(
             pairs = " ".join(f"{t}-{s}" for t, s in zip(of_target, of_source, strict=True))
             origin = f"extremities {pairs}" + ", mirrored" * (side < 0)
             anchors = Anchors(tips_source.places.features(of_source), tips_target.places.features(of_target, side))
-            guesses.append(anchored_hypothesis(origin, source, target, anchors))
-    return guesses
+            hypotheses.append(anchored_hypothesis(origin, source, target, anchors))
+    return hypotheses
 
 
 @once_per_argument
@@ -248,7 +248,7 @@ def cheapest_pairings(single: Floats, mutual: Floats, size: int) -> tuple[Intege
     """Pairings of some elements of two sets, by rising cost; a beam search, exact where the sets are small.
 
     The cost of `size` pairs is the mean of their costs `single` (a, b), plus the mean of `mutual` (a, b, a, b) over
-    each two of them. Returns (p, size) elements of the first set, in rising order, and (p, size) their counterparts.
+    each two of them. Returns (p, size) elements of the first set, in rising order, and (p, size) their partners.
     """
     a, b = single.shape
     width = EXTREMITIES.beam // (a * b)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Hypotheses: initial guesses at the map between two shapes, which are refined and compared."""
+"""Hypotheses: initial maps between two shapes, which are refined and compared."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class HypothesisTuning(Tuning, set_by="correspondence"):
     """The sizes of hypotheses, and when two are the same."""
 
     same_map: float = tuned(0.05, "1", 0, 1)  # maps are the same if images differ by less of their variance
-    anchored_size: int = tuned(8, "eigenfunctions", 2, 1000)  # of a guess by a few places, such as landmarks
+    anchored_size: int = tuned(8, "eigenfunctions", 2, 1000)  # of a map by a few places, such as landmarks
     dense_size: int = tuned(20, "eigenfunctions", 2, 1000)  # of a map of all vertices that is given
 
 
@@ -32,7 +32,7 @@ class Hypothesis:
     origin: str  # name for the report
     functional_map: Floats  # (k_target, k_source)
     anchors: Anchors | None = None  # constraints while maps are compared, or None
-    final_anchors: Anchors | None = None  # of the final map; guesses would prevent convergence
+    final_anchors: Anchors | None = None  # of the final map; hypotheses would prevent convergence
 
 
 def alike(places: Sequence[Floats], tolerance: float) -> Booleans:

@@ -38,7 +38,7 @@ class PartCandidateTuning(Tuning, set_by="partial"):
     # pairs of animals is lost (fits of -2.75 and -2.63 become -2.62 and -2.81); no third map becomes the first one.
     registered_again: int = tuned(2, "maps", 0, 1000)
     surroundings: float = tuned(0.2, "length", 1e-3, 10)  # Gaussian width of surroundings that rotate together
-    near_cut: float = tuned(0.02, "length", 0, 10)  # places may have no counterpart if their images are nearer to a cut
+    near_cut: float = tuned(0.02, "length", 0, 10)  # places may have no partner if their images are nearer to a cut
     facing: float = tuned(1.0, "1", 0, 100)  # weight in the promise of the log mean deviation of normals
     bend: float = tuned(0.5, "1", 0, 100)  # weight of the mean distance from rotated surroundings
     distance: float = tuned(0.2, "1", 0, 100)  # weight of the mean change of geodesic distances
@@ -185,7 +185,7 @@ def _promise(places: Integers, region: Region) -> float:
     """The promise of a map of places before the part is registered by it; the lowest is the best.
 
     The surroundings of each place are rotated onto their images, which fits badly for mirrored maps.
-    Places with images next to a cut of the whole may have no counterpart, and are ignored.
+    Places with images next to a cut of the whole may have no partner, and are ignored.
     """
     part, whole = region.part, region.whole
     here, there = part.shape, whole.shape

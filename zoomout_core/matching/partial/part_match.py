@@ -21,7 +21,7 @@ from zoomout_core.matching.partial.region import REGION, Region, find_regions, i
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 from zoomout_core.matching.ranking.rank import CERTAINTY, Candidate
 from zoomout_core.matching.ranking.scores import EVIDENCE_WEIGHTS, Disagreement, no_disagreement
-from zoomout_core.matching.refinement.confidence import Counterparts
+from zoomout_core.matching.refinement.confidence import Partners
 from zoomout_core.matching.registration.correspondences import Surroundings
 from zoomout_core.matching.registration.nonrigid_icp import NONRIGID_SCHEDULE, Fit
 from zoomout_core.runtime.progress import portion
@@ -42,7 +42,7 @@ class PartMatchTuning(Tuning, set_by="partial"):
     # Maps of wholes below it are tried as parts. At .8 a person with missing pieces keeps its map as a whole, at a
     # certainty of .88 and an error of 68 (x 1000); as a part these are .96 and 22. The other 27 pairs with cuts, holes
     # and missing pieces stay the same.
-    unsure: float = tuned(0.95, "probability", 0, 1)
+    uncertain: float = tuned(0.95, "probability", 0, 1)
     # Minimum certainty of a part: whole dinosaurs of other species, at 3 % either way, have nine of ten limbs right as
     # wholes, and two or four as parts.
     likely: float = tuned(0.15, "probability", 0, 1)
@@ -54,7 +54,7 @@ class PartMatchTuning(Tuning, set_by="partial"):
     largest_ratio: float = tuned(11.0, "1", 1, 1000)
     # Number of maps of two fragments as wholes that compete with those found by landmarks.
     as_wholes: int = tuned(3, "maps", 0, 100)
-    residual: float = tuned(0.03, "length", 0, 10)  # a place of the part has no counterpart beyond this distance
+    residual: float = tuned(0.03, "length", 0, 10)  # a place of the part has no partner beyond this distance
     another_map: float = tuned(0.1, "length", 0, 2)  # mean distance of images above which two maps are rivals
     rivalry: float = tuned(10.0, "1", 0, 100)  # rate at which the odds of a rival decrease with the lead in score
     misfit: float = tuned(6.6, "1", -100, 100)  # logarithm of the odds against a map whose fit is 0
@@ -146,7 +146,7 @@ class PartFit:
 
     fit: Fit  # from the target's mesh to the source's
     back: SurfaceMap  # from the source's mesh to the target's
-    counterparts: Counterparts  # which of their vertices have a counterpart
+    partners: Partners  # which of their vertices have a partner
 
 
 def fit_part(pair: Pair, candidate: Candidate) -> PartFit:
@@ -162,8 +162,8 @@ def fit_part(pair: Pair, candidate: Candidate) -> PartFit:
     of_whole &= region.contains
     if part is pair.target_shape:
         fit = Fit(registered.closest, registered.positions, registered.rotations, of_part)
-        return PartFit(fit, on_part, Counterparts(of_part, of_whole))
-    return PartFit(Fit.of_map(on_part), registered.closest, Counterparts(of_whole, of_part))
+        return PartFit(fit, on_part, Partners(of_part, of_whole))
+    return PartFit(Fit.of_map(on_part), registered.closest, Partners(of_whole, of_part))
 
 
 def _on_part(
@@ -178,7 +178,7 @@ def _on_part(
 
 
 def _candidate(one: PartCandidate, pair: Pair, disagreement: Disagreement) -> Candidate:
-    """The map of a part as one of the pair; how sure it is, its rivals will tell."""
+    """The map of a part as one of the pair; how certain it is, its rivals will tell."""
     source, target = pair.source_shape, pair.target_shape
     part, whole = part_of(pair)
     bent = one.region.carry(one.registered).positions[part.search.samples]

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Register a part with a whole by a rough map of its samples, and score the map by the fit.
 
-Only the part is deformed, because most of the whole has no counterpart. A correct map deforms it little, and normals
+Only the part is deformed, because most of the whole has no partner. A correct map deforms it little, and normals
 agree; a map to another limb has to bend, stretch or fold it.
 """
 
@@ -49,7 +49,7 @@ class RegisteredPart:
     residual: Floats  # (n,) distance to these
     agreement: Floats  # (n,) cosine between the normals
     is_near: Booleans  # (n,) whether they are near the image of the nearest place, along the whole
-    on_cut: Booleans  # (n,) whether the closest point is on a cut of the whole; vertices beyond it have no counterpart
+    on_cut: Booleans  # (n,) whether the closest point is on a cut of the whole; vertices beyond it have no partner
     strain: float  # mean relative distance between where neighbouring nodes put each other, off cuts
 
     def scores(self, areas: Floats) -> dict[str, float]:

@@ -51,7 +51,7 @@ class UnknownScaleTuning(Tuning, set_by="partial"):
     likely: float = tuned(0.5, "probability", 0, 1)  # higher, as the best of several scales is chosen
     # Certainty of the map of two wholes from which no other unit is tried: with a piece missing, those of .57 and .88
     # are off by 147 and 69 (x 1000), where the part in its own unit is off by 23 at .94 and .96.
-    sure: float = tuned(0.9, "probability", 0, 1)
+    certain: float = tuned(0.9, "probability", 0, 1)
     # Minimum scale of one of two fragments. At 0.33 a certainty of one half takes a fit of -4.5, which one of 16 pairs
     # of animals reaches in the same unit.
     of_fragments: float = tuned(0.4, "1", 0, 1)

@@ -99,7 +99,7 @@ class CertaintyTuning(Tuning, set_by="correspondence"):
     tear_rate: float = tuned(1.5, "1", 0, 100)  # that power
     # Log odds by which tears count at most: right maps of shapes with few vertices are torn, too.
     tear_limit: float = tuned(3.5, "1", 0, 100)
-    unlikely: float = tuned(0.5, "probability", 0, 1)  # more guesses are tried below this certainty
+    unlikely: float = tuned(0.5, "probability", 0, 1)  # more hypotheses are tried below this certainty
 
 
 CERTAINTY = CertaintyTuning()
@@ -174,7 +174,7 @@ def rank(
     if not sides_are_known(*shapes):
         quotas = quotas[0], quotas[0]
     with portion(0.0, 0.6):
-        screened = for_each(lambda guess: _screen(guess, *shapes, disagreement, clear), hypotheses)
+        screened = for_each(lambda hypothesis: _screen(hypothesis, *shapes, disagreement, clear), hypotheses)
     screened = [entry for entry in screened if wanted(entry.sample_map, entry.reverses_orientation)]
     kept = _leading(screened, [entry.score for entry in screened], source, quotas)
     show([entry.sample_map for entry in kept])
@@ -304,26 +304,33 @@ def _align(candidate: Candidate, source: ShapeAnalysis, target: ShapeAnalysis) -
     return min(scored, key=lambda one: one.scores["total"])
 
 
-def upsample_hypothesis(guess: Hypothesis, source: ShapeAnalysis, target: ShapeAnalysis) -> tuple[Floats, Integers]:
+def _anchors_at_samples(hypothesis: Hypothesis, source: ShapeAnalysis, target: ShapeAnalysis) -> Anchors | None:
+    anchors = hypothesis.anchors
+    return None if anchors is None else anchors.at(source.search.samples, target.search.samples)
+
+
+def upsample_hypothesis(
+    hypothesis: Hypothesis, source: ShapeAnalysis, target: ShapeAnalysis
+) -> tuple[Floats, Integers]:
     """A hypothesis at the size of the first comparison: its functional map, and (s_t,) numbers of source samples."""
     size = min(RANKING.screening_size, source.search.rows.shape[1], target.search.rows.shape[1])
-    anchors = None if guess.anchors is None else guess.anchors.at(source.search.samples, target.search.samples)
+    anchors = _anchors_at_samples(hypothesis, source, target)
     step = RANKING.screening_step
-    return upsample(source.search, target.search, guess.functional_map, size, step, anchors)
+    return upsample(source.search, target.search, hypothesis.functional_map, size, step, anchors)
 
 
 def _screen(
-    guess: Hypothesis,
+    hypothesis: Hypothesis,
     source: ShapeAnalysis,
     target: ShapeAnalysis,
     disagreement: Disagreement,
     clear_orientation: float,
 ) -> _Screened:
-    functional_map, sample_map = upsample_hypothesis(guess, source, target)
+    functional_map, sample_map = upsample_hypothesis(hypothesis, source, target)
     reverses = orientation_agreement(sample_map, source, target) < -clear_orientation
     scores = scores_of(functional_map, sample_map, source, target, reverses)
-    scores |= disagreement(functional_map, sample_map, guess.anchors)
-    return _Screened(guess, functional_map, sample_map, reverses, total_score(scores))
+    scores |= disagreement(functional_map, sample_map, hypothesis.anchors)
+    return _Screened(hypothesis, functional_map, sample_map, reverses, total_score(scores))
 
 
 def _leading(
@@ -349,8 +356,8 @@ def _leading(
 def _candidate(entry: _Screened, source: ShapeAnalysis, target: ShapeAnalysis, disagreement: Disagreement) -> Candidate:
     """Refine further, compute the reverse map independently, and average the scores of both."""
     size = min(RANKING.size, source.search.rows.shape[1], target.search.rows.shape[1])
-    guess, reverses = entry.hypothesis, entry.reverses_orientation
-    anchors = None if guess.anchors is None else guess.anchors.at(source.search.samples, target.search.samples)
+    hypothesis, reverses = entry.hypothesis, entry.reverses_orientation
+    anchors = _anchors_at_samples(hypothesis, source, target)
     swapped = None if anchors is None else anchors.swap()
     step = RANKING.step
     functional_map, sample_map = upsample(source.search, target.search, entry.functional_map, size, step, anchors)
@@ -362,7 +369,7 @@ def _candidate(entry: _Screened, source: ShapeAnalysis, target: ShapeAnalysis, d
     there = scores_of(functional_map, sample_map, source, target, reverses)
     back_again = scores_of(reverse, reverse_map, target, source, reverses)
     scores = {name: (there[name] + back_again[name]) / 2 for name in there}
-    scores |= disagreement(functional_map, sample_map, guess.anchors)
+    scores |= disagreement(functional_map, sample_map, hypothesis.anchors)
     scores["total"] = total_score(scores)
-    maps, anchors_of_map = (functional_map, reverse, sample_map), (guess.anchors, guess.final_anchors)
-    return Candidate(guess.origin, reverses, reverses, *maps, *anchors_of_map, 0.0, scores)
+    maps, anchors_of_map = (functional_map, reverse, sample_map), (hypothesis.anchors, hypothesis.final_anchors)
+    return Candidate(hypothesis.origin, reverses, reverses, *maps, *anchors_of_map, 0.0, scores)

@@ -97,7 +97,7 @@ def certainty_but_for_turns(candidates: Sequence[Candidate]) -> float:
 def _with_evidence(turned: Candidate, best: Candidate, disagreement: Disagreement) -> Candidate:
     """A composed map with the scores of the best one, except those of evidence.
 
-    Anchors of a guess, such as extremities, favour its own map, so all are scored without them.
+    Anchors of a hypothesis, such as extremities, favour its own map, so all are scored without them.
     """
     scores = {name: score for name, score in best.scores.items() if name not in EVIDENCE_WEIGHTS}
     scores |= disagreement(turned.functional_map, turned.sample_map, None)

@@ -35,7 +35,7 @@ class ConfidenceTuning(Tuning, set_by="correspondence"):
     # was right in 9 of 12 pairs, three in 18 of 19.
     rings: int = tuned(3, "edges", 1, 10)
     pooling: float = tuned(0.05, "at unit area", 0, 1)  # diffusion length that averages errors
-    without_partner: float = tuned(0.085, "at unit area", 0, 2)  # no counterpart beyond this miss there and back
+    without_partner: float = tuned(0.085, "at unit area", 0, 2)  # no partner beyond this miss there and back
     # The same where the map there ends on a border of the other shape: what fills a hole of it.
     beyond_border: float = tuned(0.03, "at unit area", 0, 2)
     # An edge is torn if its image is longer by more than this.
@@ -45,8 +45,8 @@ class ConfidenceTuning(Tuning, set_by="correspondence"):
 CONFIDENCE = ConfidenceTuning()
 
 
-class Counterparts(NamedTuple):
-    """Which vertices of two surfaces, or of two shapes' meshes, have a counterpart on the other one."""
+class Partners(NamedTuple):
+    """Which vertices of two surfaces, or of two shapes' meshes, have a partner on the other one."""
 
     target: Booleans  # (n_t,) of the target
     source: Booleans  # (n_s,) of the source
@@ -60,7 +60,7 @@ def confidence_of(
     target: ShapeAnalysis,
     reverses_orientation: bool,  # the map does
     mirrored: bool,  # it maps the target's mirror image
-    # (n_t,) whether a vertex has a counterpart; elsewhere confidence is 0, and nothing counts as flipped. All vertices
+    # (n_t,) whether a vertex has a partner; elsewhere confidence is 0, and nothing counts as flipped. All vertices
     # have one by default.
     has_partner: Booleans | None = None,
 ) -> tuple[Floats, float]:
@@ -91,14 +91,12 @@ def confidence_of(
     return known * upright / (1 + (expected / CONFIDENCE.half_confidence) ** 2), float(area[over].sum() / area.sum())
 
 
-def counterparts_by_cycle(
-    there: SurfaceMap, back: SurfaceMap, source: ShapeAnalysis, target: ShapeAnalysis
-) -> Counterparts:
+def partners_by_cycle(there: SurfaceMap, back: SurfaceMap, source: ShapeAnalysis, target: ShapeAnalysis) -> Partners:
     """Which vertices of two shapes' meshes return close to where they started, mapped there and back.
 
     A tail that the other shape lacks maps to its surroundings there, and the map back, found on its own, misses it.
     """
-    return Counterparts(_returns(there, back, target, source), _returns(back, there, source, target))
+    return Partners(_returns(there, back, target, source), _returns(back, there, source, target))
 
 
 def _returns(there: SurfaceMap, back: SurfaceMap, shape: ShapeAnalysis, other: ShapeAnalysis) -> Booleans:

@@ -15,7 +15,7 @@ from zoomout_core.matching.partial.region import is_small
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 from zoomout_core.matching.ranking.finished_maps import refine_candidate
 from zoomout_core.matching.ranking.rank import Candidate
-from zoomout_core.matching.refinement.confidence import Counterparts, confidence_of, counterparts_by_cycle
+from zoomout_core.matching.refinement.confidence import Partners, confidence_of, partners_by_cycle
 from zoomout_core.matching.refinement.refine import REFINEMENT, functional_map_by, refine
 from zoomout_core.matching.registration.nonrigid_icp import Fit, fit_nonrigid
 from zoomout_core.runtime.progress import portion
@@ -26,10 +26,10 @@ class DenseMap(NamedTuple):
     """The map of a candidate between the shapes' meshes."""
 
     fit: Fit  # of the target to the source
-    counterparts: Counterparts  # which vertices have a counterpart
+    partners: Partners  # which vertices have a partner
     functional_map: Floats  # (k_target, k_source)
     confidence: Floats  # (n_t,) of the target's vertices
-    folded: float  # the part of the target's area, in [0, 1], that the map flips
+    flipped: float  # the part of the target's area, in [0, 1], that the map flips
 
 
 def dense_map(pair: Pair, candidate: Candidate) -> DenseMap:
@@ -57,7 +57,7 @@ def _map_of_wholes(pair: Pair, candidate: Candidate) -> DenseMap:
     (fit, functional_map), back = side_by_side(forwards, backwards)
     senses = candidate.reverses_orientation, candidate.mirrored
     measured = confidence_of(fit.surface_map, back, functional_map, source, target, *senses)
-    return DenseMap(fit, counterparts_by_cycle(fit.surface_map, back, source, target), functional_map, *measured)
+    return DenseMap(fit, partners_by_cycle(fit.surface_map, back, source, target), functional_map, *measured)
 
 
 def bend_onto_source(
@@ -75,13 +75,13 @@ def _map_of_part(pair: Pair, candidate: Candidate) -> DenseMap:
     fit = found.fit
     there = fit.surface_map
     functional_map = functional_map_by(there, source, target, candidate.functional_map.shape)
-    known = found.counterparts.target
-    confidence, folded = confidence_of(there, found.back, functional_map, source, target, False, False, known)
+    known = found.partners.target
+    confidence, flipped = confidence_of(there, found.back, functional_map, source, target, False, False, known)
     if is_small(source, target):
-        confidence, folded = _confidence_by_part(found, source, target, functional_map.shape)
+        confidence, flipped = _confidence_by_part(found, source, target, functional_map.shape)
     # Between the bases of both at unit area, as of all maps.
     functional_map *= np.sqrt(source.basis.areas.sum() / target.basis.areas.sum())
-    return DenseMap(fit, found.counterparts, functional_map, confidence, folded)
+    return DenseMap(fit, found.partners, functional_map, confidence, flipped)
 
 
 def _confidence_by_part(
@@ -91,7 +91,7 @@ def _confidence_by_part(
 
     All of the whole maps to the part, so the rest of it would outweigh the place of the part.
     """
-    there, known = found.fit.surface_map, found.counterparts.source
+    there, known = found.fit.surface_map, found.partners.source
     functional_map = functional_map_by(found.back, target, source, size[::-1])
-    of_part, folded = confidence_of(found.back, there, functional_map, target, source, False, False, known)
-    return found.counterparts.target * there.interpolate(of_part), folded
+    of_part, flipped = confidence_of(found.back, there, functional_map, target, source, False, False, known)
+    return found.partners.target * there.interpolate(of_part), flipped

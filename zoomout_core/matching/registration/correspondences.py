@@ -83,11 +83,11 @@ class GeodesicLimit:
         self._first, self._is_cut = first, is_cut
         self._marks = source.distances[:BOUND_SAMPLES].T.astype(np.float32)
 
-    def exceeds_geodesic_limit(self, vertex: Integers, counterpart: Integers) -> Booleans:
+    def exceeds_geodesic_limit(self, vertex: Integers, partner: Integers) -> Booleans:
         """(q,) whether pairs of a target vertex and a source vertex are too far from the first map's images."""
-        apart = np.abs(self._marks[counterpart] - self._marks[self._first[vertex]]).max(axis=1)
+        apart = np.abs(self._marks[partner] - self._marks[self._first[vertex]]).max(axis=1)
         beyond = np.asarray(apart > MAX_GEODESIC_DISTANCE)
-        return beyond if self._is_cut is None else beyond | self._is_cut[counterpart]
+        return beyond if self._is_cut is None else beyond | self._is_cut[partner]
 
 
 def residuals(
@@ -109,15 +109,15 @@ def residuals(
     if len(back):  # nothing of a whole is projected to its part
         back = np.asarray(cKDTree(_with_normals(positions, normals)).query(around.places[back])[1])
     vertex = np.concatenate([here.vertex, back])
-    counterpart = np.concatenate([found.interpolate(mesh.vertices), mesh.vertices[there.vertex]])
-    counterpart_normal = np.concatenate([found.interpolate(mesh.vertex_normals), mesh.vertex_normals[there.vertex]])
-    counterpart_normal = unit_vectors(counterpart_normal)
+    partner = np.concatenate([found.interpolate(mesh.vertices), mesh.vertices[there.vertex]])
+    partner_normal = np.concatenate([found.interpolate(mesh.vertex_normals), mesh.vertex_normals[there.vertex]])
+    partner_normal = unit_vectors(partner_normal)
     beyond = limit.exceeds_geodesic_limit(vertex, np.concatenate([found.vertex, there.vertex]))
-    residual = counterpart - positions[vertex]
-    agreement = np.einsum("qx,qx->q", normals[vertex], counterpart_normal)
+    residual = partner - positions[vertex]
+    agreement = np.einsum("qx,qx->q", normals[vertex], partner_normal)
     trust = np.clip(agreement, 0, 1) / (1 + (np.linalg.norm(residual, axis=1) / ROBUST_SCALE) ** 2) ** 2
     trust = np.where(beyond, MIN_WEIGHT, np.maximum(trust, MIN_WEIGHT))
-    across = counterpart_normal[:, :, None] * counterpart_normal[:, None]
+    across = partner_normal[:, :, None] * partner_normal[:, None]
     weight = np.sqrt(sliding) * np.eye(3) + (np.sqrt(1 + sliding) - np.sqrt(sliding)) * across
     return vertex, residual, np.sqrt(np.concatenate([here.areas, there.areas]) * trust)[:, None, None] * weight
 

@@ -119,7 +119,7 @@ def bend(
     limit: GeodesicLimit,  # on correspondences
     target: ShapeAnalysis,  # the shape that is deformed
     levels: Sequence[Level],  # the schedule; not empty
-    # Whether the source may have places without a counterpart, which then do not attract the target.
+    # Whether the source may have places without a partner, which then do not attract the target.
     is_part: bool = False,
 ) -> DeformationGraph:
     """Fit the deformation graph that registers a target to a source."""

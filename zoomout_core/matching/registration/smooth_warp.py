@@ -163,8 +163,8 @@ class Correspondences(NamedTuple):
         """Points of the source and their partners on the target, in the frames of the working meshes."""
         source, target = result.source.working, result.target.working
         known = result.has_partner & (target.vertex_of >= 0)
-        sure = known & (result.confidence > MIN_CONFIDENCE)
-        vertices = np.flatnonzero(sure if sure.sum() > WARP.centres else known)
+        confident = known & (result.confidence > MIN_CONFIDENCE)
+        vertices = np.flatnonzero(confident if confident.sum() > WARP.centres else known)
         vertices = vertices[evenly(len(vertices), WARP.correspondences)]
         points = source.from_surface(result.surface_map.interpolate(result.source.vertices)[vertices])
         partners = target.from_surface(result.target.vertices[vertices])

@@ -11,12 +11,12 @@ from zoomout_core.arrays import Floats
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.ranking.rank import Candidate
 from zoomout_core.matching.ranking.rotational_symmetry import certainty_but_for_turns, likely_turns
-from zoomout_core.matching.refinement.confidence import Counterparts
-from zoomout_core.matching.report.verdict import Verdict
+from zoomout_core.matching.refinement.confidence import Partners
+from zoomout_core.matching.report.verdict import VERDICT, Verdict
 from zoomout_core.mesh.surface import PointCloud, Surface
 from zoomout_core.messages import message, probability, warning
 
-UNSURE = (
+UNCERTAIN = (
     "This map is correct with a probability of only {certainty}: check whether sides are swapped, and if so, "
     "try another candidate or add landmarks."
 )
@@ -28,7 +28,7 @@ TURNED = (
     "The shape looks the same when rotated: at least {turns} maps fit as well as this one, which is correct with a "
     "probability of only {certainty}; try another candidate, or add landmarks that tell them apart."
 )
-FOLDED = (
+FLIPPED = (
     "The map flips {share:.0%} of the target's surface, where the two shapes differ too much: its vertices are "
     "doubtful there."
 )
@@ -38,14 +38,13 @@ MISSED_LANDMARKS = (
     "The map contradicts {count} of the {total} landmarks: check that each pair is the same place on both shapes, with "
     "the source first."
 )
-TARGET_ALONE = "About {share:.0%} of the target has no counterpart on the source: its vertices are doubtful there."
-SOURCE_ALONE = "About {share:.0%} of the source has no counterpart on the target: nothing was matched to it."
+TARGET_ALONE = "About {share:.0%} of the target has no partner on the source: its vertices are doubtful there."
+SOURCE_ALONE = "About {share:.0%} of the source has no partner on the target: nothing was matched to it."
 
-# Certainty (probability) below which a map is reported as unsure, and below which the shapes count as not recognised.
-SURE_CERTAINTY = 0.9
+# Certainty (probability) below which the shapes count as not recognised.
 RECOGNISED_CERTAINTY = 0.1
-# Shares of a surface's area that are reported if larger: folded over by the map, or without a counterpart.
-MAX_FOLDED_SHARE = 0.05
+# Shares of a surface's area that are reported if larger: flipped by the map, or without a partner.
+MAX_FLIPPED_SHARE = 0.05
 MAX_UNMATCHED_SHARE = 0.03
 # Distance of a map from a landmark, at unit area, from which on it contradicts it: about a forearm of a human.
 MAX_LANDMARK_ERROR = 0.2
@@ -56,7 +55,7 @@ MAX_ROUNDING = 0.2
 
 def select_notes(notes: Iterable[str], verdict: Verdict | None) -> list[str]:
     """The notes that do not repeat the certainty in a verdict that is shown, too."""
-    return [note for note in notes if verdict is None or getattr(note, "template", None) != UNSURE]
+    return [note for note in notes if verdict is None or getattr(note, "template", None) != UNCERTAIN]
 
 
 def notes_on_input(role: str, shape: Surface | PointCloud, surface: Surface) -> tuple[str, ...]:
@@ -111,19 +110,19 @@ def _notes_on_broken_vertices(role: str, surface: Surface) -> tuple[str, ...]:
     )
 
 
-def notes_on_map(candidates: Sequence[Candidate], chosen: int, placed: float, folded: float) -> tuple[str, ...]:
+def notes_on_map(candidates: Sequence[Candidate], chosen: int, placed: float, flipped: float) -> tuple[str, ...]:
     """Notes on doubts about a map as a whole, the chosen one of all candidates.
 
-    A part `placed` of the target's area has a counterpart, and the map flips a part `folded` of it.
+    A part `placed` of the target's area has a partner, and the map flips a part `flipped` of it.
     """
-    notes: tuple[str, ...] = (warning(FOLDED, share=folded),) if folded > MAX_FOLDED_SHARE else ()
+    notes: tuple[str, ...] = (warning(FLIPPED, share=flipped),) if flipped > MAX_FLIPPED_SHARE else ()
     certainty = candidates[chosen].certainty * placed
-    if certainty >= SURE_CERTAINTY:
+    if certainty >= VERDICT.certain:
         return notes
     turns = likely_turns(candidates, chosen)
     if turns > 1 and certainty_but_for_turns(candidates) * placed >= RECOGNISED_CERTAINTY:
         return (warning(TURNED, turns=turns, certainty=probability(certainty)), *notes)
-    doubt = UNSURE if certainty >= RECOGNISED_CERTAINTY else NOT_RECOGNISED
+    doubt = UNCERTAIN if certainty >= RECOGNISED_CERTAINTY else NOT_RECOGNISED
     return (warning(doubt, certainty=probability(certainty)), *notes)
 
 
@@ -133,8 +132,8 @@ def notes_on_landmarks(errors: Floats) -> tuple[str, ...]:
     return (warning(MISSED_LANDMARKS, count=count, total=len(errors)),) if count else ()
 
 
-def notes_on_rest(pair: Pair, counterparts: Counterparts) -> tuple[str, ...]:
+def notes_on_rest(pair: Pair, partners: Partners) -> tuple[str, ...]:
     """Notes on parts that only one of the two surfaces has."""
-    rests = (TARGET_ALONE, pair.target, counterparts.target), (SOURCE_ALONE, pair.source, counterparts.source)
+    rests = (TARGET_ALONE, pair.target, partners.target), (SOURCE_ALONE, pair.source, partners.source)
     shares = ((text, surface.share_of_area(~has_partner)) for text, surface, has_partner in rests)
     return tuple(warning(text, share=share) for text, share in shares if share > MAX_UNMATCHED_SHARE)

@@ -79,7 +79,11 @@ def notes_on_parts(result: MatchResult, parts: NamedParts) -> tuple[str, ...]:
         notes.append(warning("Almost nothing arrives from {parts}.", parts=_quote(silent)))
     partly = _names_of_uncertain(result, parts) - set(silent)
     if partly:
-        notes.append(warning("Little arrives for certain from loose parts of {parts}.", parts=_quote(sorted(partly))))
+        notes.append(
+            warning(
+                "The target receives little reliable data from loose parts of {parts}.", parts=_quote(sorted(partly))
+            )
+        )
     return tuple(notes)
 
 
@@ -97,7 +101,7 @@ def _names_of_components(result: MatchResult, parts: NamedParts) -> Integers:
 
 
 def _names_of_uncertain(result: MatchResult, parts: NamedParts) -> set[str]:
-    """The names of the components from which little arrives for certain."""
+    """The names of the components from which the target receives little reliable data."""
     return {parts.names[number].label for number in _names_of_components(result, parts)[result.uncertain]}
 
 

@@ -18,20 +18,20 @@ GREEN, AMBER, RED = LEVELS = "green", "amber", "red"
 
 RIGHT = "The match is right as a whole ({certainty} certain)."
 RIGHT_BUT_FOR_DOUBTS = (
-    "The match is right as a whole ({certainty} certain). It may be off by a little on the {share:.0%} of the target "
-    "that is doubtful."
+    "The match is right as a whole ({certainty} certain). It may be slightly off on the doubtful {share:.0%} of the "
+    "target."
 )
 WRONG = "The match is probably wrong: it is {certainty} certain."
-UNSURE = "The match may be wrong: it is {certainty} certain."
+UNCERTAIN = "The match may be wrong: it is {certainty} certain."
 UNPLACED = "The match is {certainty} certain, because {share:.0%} of the target has no certain place on the source."
 SHATTERED = "The match is probably wrong: it tears apart {share:.0%} of the target."
 TORN = "The match tears apart {share:.1%} of the target."
 SILENT = (
-    "{share:.1%} of the source's visible surface is on parts from which the target receives almost nothing certain."
+    "{share:.1%} of the source's visible surface is on parts from which the target receives almost nothing reliable."
 )
 MIRRORED = "This match is a mirror image: it maps left to right."
 DOUBTFUL = "{share:.0%} of the target is doubtful."
-ALONE = "{share:.0%} of the target has no counterpart on the source."
+ALONE = "{share:.0%} of the target has no partner on the source."
 TRY_CANDIDATES = "Compare the other candidates, or add a few landmarks and match again."
 LOOK_AT_SIDES = "Check whether sides are swapped; if so, choose another candidate or add landmarks."
 LOOK_AT_TORN = "Look at the torn vertices, and add landmarks around them."
@@ -49,7 +49,7 @@ MENTIONED_DOUBTS = 0.005
 class VerdictTuning(Tuning, set_by="everywhere"):
     """Where a verdict changes its level."""
 
-    sure: float = tuned(0.9, "probability", 0, 1)  # smallest certainty of a green map
+    certain: float = tuned(0.9, "probability", 0, 1)  # smallest certainty of a green map
     wrong: float = tuned(0.3, "probability", 0, 1)  # certainty below which a map is red
     torn: float = tuned(0.02, "1", 0, 1)  # largest part of the target's area at torn edges of a green map
     # Maximum certainty of a map of closed shapes that tears more than that. Of four such maps above 0.9, two are right
@@ -59,7 +59,7 @@ class VerdictTuning(Tuning, set_by="everywhere"):
     shattered: float = tuned(0.2, "1", 0, 1)  # the part from which on a map is red
     silent: float = tuned(0.001, "1", 0, 1)  # part of the outside on parts that do not arrive, of an amber map
     doubtful: float = tuned(0.5, "1", 0, 1)  # largest part of the target's area of low confidence of a green map
-    alone: float = tuned(0.1, "1", 0, 1)  # largest part of the target's area without a counterpart of a green map
+    alone: float = tuned(0.1, "1", 0, 1)  # largest part of the target's area without a partner of a green map
     arrived: float = tuned(0.25, "1", 0, 1)  # of its visible share that a part of the source must have on the target
     # The same, if what arrives counts by its confidence. On characters of many parts, maps that are wrong there but
     # otherwise green have parts of .11 and .16; right ones have .13 once, and at least .24 else.
@@ -98,9 +98,9 @@ class Faults(NamedTuple):
 
     Attributes:
         torn: the part of the target's area at torn edges.
-        silent: the part of the source's outside on parts from which the target receives almost nothing certain.
+        silent: the part of the source's outside on parts from which the target receives almost nothing reliable.
         doubtful: the part of the target's area of low confidence. Faces and hands have most of the vertices of a body.
-        alone: the part of the target's area without a counterpart.
+        alone: the part of the target's area without a partner.
         mirrored: the map reverses the orientation.
         unplaced: the part of the target's area without a known place, by which the certainty is lower.
     """
@@ -120,16 +120,16 @@ def judge(certainty: float, faults: Faults = NO_FAULTS) -> Verdict:
     """The verdict on a map, from the probability that it is right as a whole, and its faults."""
     torn, silent, doubtful, alone, mirrored, unplaced = faults
     # No other candidate is likely, and sides are not in doubt.
-    only_unplaced = certainty < VERDICT.sure and certainty >= VERDICT.sure * (1 - unplaced)
+    only_unplaced = certainty < VERDICT.certain and certainty >= VERDICT.certain * (1 - unplaced)
     # No other candidate is likely, but the map is torn.
     only_torn = torn > VERDICT.torn and certainty >= VERDICT.torn_certainty * (1 - unplaced)
-    is_unsure = certainty < VERDICT.sure and not only_torn
+    is_uncertain = certainty < VERDICT.certain and not only_torn
     look_there = LOOK_AT_PARTS if silent >= VERDICT.silent else LOOK_AT_DOUBTFUL
     cases = (
         (certainty < VERDICT.wrong, RED, message(WRONG, certainty=probability(certainty)), TRY_CANDIDATES),
         (torn > VERDICT.shattered, RED, message(SHATTERED, share=torn), TRY_CANDIDATES),
         (only_unplaced, AMBER, message(UNPLACED, certainty=probability(certainty), share=unplaced), look_there),
-        (is_unsure, AMBER, message(UNSURE, certainty=probability(certainty)), LOOK_AT_SIDES),
+        (is_uncertain, AMBER, message(UNCERTAIN, certainty=probability(certainty)), LOOK_AT_SIDES),
         (mirrored, AMBER, message(MIRRORED), ONLY_IF_MIRRORED),
         (silent >= VERDICT.silent, AMBER, message(SILENT, share=silent), LOOK_AT_PARTS),
         (torn > VERDICT.torn, AMBER, message(TORN, share=torn), LOOK_AT_TORN),
@@ -157,11 +157,11 @@ def check_verdict(verdict: Verdict, force: bool, candidates: int = 1) -> None:
         candidates: the number of maps that `--candidate` offers.
 
     Raises:
-        RefusedMatchError: it is probably wrong, and may not be used all the same.
+        RefusedMatchError: it is probably wrong, and may not be used anyway.
     """
     if verdict.level == RED and not force:
         others = f" Other candidates: --candidate 1 to {candidates - 1}." if candidates > 1 else ""
-        raise RefusedMatchError(f"{verdict.sentence} {verdict.advice}{others} To write it all the same, give --force.")
+        raise RefusedMatchError(f"{verdict.sentence} {verdict.advice}{others} To write it anyway, give --force.")
 
 
 def worst(verdicts: Sequence[Verdict]) -> Verdict:

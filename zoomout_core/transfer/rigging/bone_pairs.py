@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Counterparts of bones in another armature, by name, place and hierarchy."""
+"""Partners of bones in another armature, by name, place and hierarchy."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Floats, Integers
 
-# Maximum distance of a bone from its counterpart, as a share of the extent of all bones: wider than the error of joints
+# Maximum distance of a bone from its partner, as a share of the extent of all bones: wider than the error of joints
 # that are moved along a map (2 % of the height), and narrower than a hand.
 REACH = 0.04
 # Heads closer to each other than this share of it are in the same place.
@@ -32,19 +32,19 @@ class Skeleton(NamedTuple):
 def pair_bones(
     bones: Skeleton, others: Skeleton, size: float, known: Mapping[str, str] = MappingProxyType({})
 ) -> dict[str, str]:
-    """Counterparts of bones in another armature that stands in the same place.
+    """Partners of bones in another armature that stands in the same place.
 
-    Bones of the same name are counterparts, then those whose names differ in spelling only, then those that are
-    mutually nearest among the rest, and then the parents of counterparts: bones often share their heads.
+    Bones of the same name are partners, then those whose names differ in spelling only, then those that are
+    mutually nearest among the rest, and then the parents of partners: bones often share their heads.
 
     Args:
         bones: the bones.
         others: those of the other armature.
         size: extent of the body.
-        known: counterparts that are known, such as by the humanoid bones of avatars.
+        known: partners that are known, such as by the humanoid bones of avatars.
 
     Returns:
-        Names of the others by those of the bones; bones without a counterpart are left out.
+        Names of the others by those of the bones; bones without a partner are left out.
     """
     free = set(others.names) - set(known.values())
     pairs = {**known, **{name: name for name in bones.names if name not in known and name in free}}
@@ -67,7 +67,7 @@ def pair_bones(
 
 
 def _nearest(bones: Skeleton, others: Skeleton, pairs: dict[str, str], size: float) -> dict[str, str]:
-    """Pairs of bones that are mutually nearest, and close, among those without a counterpart."""
+    """Pairs of bones that are mutually nearest, and close, among those without a partner."""
     rest = np.flatnonzero([name not in pairs for name in bones.names])
     free = np.flatnonzero([name not in pairs.values() for name in others.names])
     rest, free = rest[_is_alone(bones.heads[rest], size)], free[_is_alone(others.heads[free], size)]

@@ -164,8 +164,8 @@ def note_on_motions(checks: Iterable[MotionCheck]) -> list[Message]:
     worst = (message("{name}: {faults}", name=each.name, faults=enumeration(each.faults)) for each in faulty[:NAMED])
     return [
         warning(
-            "Actions that play worse than on the source: {count} of {all} ({worst}; in lengths of the legs). Correct "
-            "their keyframes, or hold the feet by inverse kinematics.",
+            "Actions that play worse than on the source: {count} of {all} ({worst}; in leg lengths). Correct "
+            "their keyframes, or pin the feet with inverse kinematics.",
             count=len(faulty),
             all=len(checks),
             worst=enumeration(worst, "; "),

@@ -100,13 +100,13 @@ def _strained_vertices(posed: Surface, rest: Floats, scale: float) -> Booleans:
 def _smooth(posed: Surface, rest: Floats, inverse: Floats, turns: Floats, trust: Floats) -> Rest:
     working = posed.working
     stiffness, areas = mesh_laplacian(working.vertices, working.triangles)
-    own, here, sure = (on_working_mesh(working, each) for each in (posed.vertices, rest, trust))
-    trusted = without_sums(csc_array(diags_array(sure) @ stiffness @ diags_array(sure)))
-    smoothing = ScreenedSmoothing.of(sure * areas, stiffness, FRAMES.smoothing_length)
+    own, here, weight = (on_working_mesh(working, each) for each in (posed.vertices, rest, trust))
+    trusted = without_sums(csc_array(diags_array(weight) @ stiffness @ diags_array(weight)))
+    smoothing = ScreenedSmoothing.of(weight * areas, stiffness, FRAMES.smoothing_length)
     linear = on_working_mesh(working, turns)
     size = np.linalg.norm(linear[:, 0], axis=1).mean()
     spread = smoothing.smooth(linear.reshape(-1, 9)).reshape(-1, 3, 3)
-    linear = np.where((sure < 1)[:, None, None], size * nearest_rotations(spread), linear)
+    linear = np.where((weight < 1)[:, None, None], size * nearest_rotations(spread), linear)
     gradients = trusted @ here
     gradients += (turn_gradients(csc_array(stiffness - trusted), linear) @ own.ravel()).reshape(own.shape)
     placed = smoothing.fit(here, gradients)

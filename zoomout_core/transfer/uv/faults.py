@@ -82,21 +82,19 @@ def _faults(chart: Chart, mapped: MappedTarget, seed: Integers, uv: Floats) -> t
 def _flipped_faces(chart: Chart, mapped: MappedTarget, seed: Integers, signed: Floats) -> Booleans:
     """(f,) which faces of the target, whose triangles have UV areas (m,), are flipped relative to the source's seeds.
 
-    Where the source's UVs fold without a seam, a seed may be across the fold; then the centre of the face's triangle
-    with the largest area decides.
+    Where the source's own UVs are flipped or fold, as mirrored ones do at the middle of a character, faces beside the
+    fold may have either orientation. So a face is flipped only if no triangle around its seed has its orientation.
     """
     source, target = mapped.source, mapped.target
-    outwards = np.bincount(target.triangle_face, signed * _outward(target))
-    on_source = signed_areas(chart.uv[source.triangle_corners]) * _outward(source)
-    flipped = outwards * on_source[seed] < 0
-    order = np.argsort(np.abs(signed), kind="stable")
-    largest = np.empty(len(flipped), dtype=np.int64)
-    largest[target.triangle_face[order]] = order
-    suspects = np.flatnonzero(flipped)
-    middle, _ = mapped.locate(largest[suspects], np.full((len(suspects), 3), 1 / 3))
-    island = chart.cut.triangle_island
-    over_fold = (island[middle] == island[seed[suspects]]) & (outwards[suspects] * on_source[middle] > 0)
-    flipped[suspects[over_fold]] = False
+    turns = np.bincount(target.triangle_face, signed * _outward(target))
+    turns_of_source = signed_areas(chart.uv[source.triangle_corners]) * _outward(source)
+    corners = chart.cut.cut_vertex[source.triangle_corners]  # (m_s, 3) no islands share these
+    around = corners[seed]
+    flipped = turns * turns_of_source[seed] < 0
+    for sign in (1, -1):
+        has_sign = np.zeros(corners.max() + 1, dtype=bool)
+        has_sign[corners[turns_of_source * sign > 0]] = True
+        flipped &= ~((turns * sign > 0) & has_sign[around].any(axis=1))
     return flipped
 
 

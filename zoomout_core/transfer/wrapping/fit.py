@@ -68,7 +68,7 @@ class Fit:
     Args:
         mapped: the target on the source; without confidence where it should not follow the map.
         weight: (n_t,) how far each vertex moves to the source, in [0, 1].
-        given: (n_s,) which vertices of the source have a counterpart on the target.
+        given: (n_s,) which vertices of the source have a partner on the target.
         pins: places of the working mesh that must reach given positions.
         smoothness: how evenly edges flow, in [0, 1].
 

@@ -45,7 +45,7 @@ class Projections:
 
     Args:
         mapped: the target on the source.
-        given: (n_s,) which vertices of the source have a counterpart on the target.
+        given: (n_s,) which vertices of the source have a partner on the target.
 
     Attributes:
         images: (n, 3) images of the vertices by the map.

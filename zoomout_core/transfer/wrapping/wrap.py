@@ -71,7 +71,7 @@ def wrap(
 ) -> Wrapped:
     """Give the target's topology the source's shape.
 
-    Vertices are on the source, edges flow evenly, and no face flips. Parts without a counterpart on the source keep
+    Vertices are on the source, edges flow evenly, and no face flips. Parts without a partner on the source keep
     their form and follow their surroundings; loose parts, such as eyes and teeth, rotate and scale as a whole.
 
     Args:

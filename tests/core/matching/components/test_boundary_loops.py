@@ -66,8 +66,8 @@ def test_the_centre_and_size_of_a_loop_are_of_its_length_and_not_of_its_vertices
 def test_a_closed_part_has_none_and_stays() -> None:
     closed = part_of(ball(0.1))
     assert boundary_loops(closed) == []
-    for part, counterpart in ((TUBE, closed), (closed, TUBE)):
-        np.testing.assert_array_equal(loops_on_loops(part, counterpart), part.points)
+    for part, partner in ((TUBE, closed), (closed, TUBE)):
+        np.testing.assert_array_equal(loops_on_loops(part, partner), part.points)
 
 
 @pytest.mark.parametrize(("off", "drawn"), [(0.05, True), (-0.12, True), (0.2, False), (-0.3, False)])

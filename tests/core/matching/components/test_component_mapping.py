@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Loose parts map to counterparts, to pieces or wholes in their place, or to nothing, and are counted as such."""
+"""Loose parts map to partners, to pieces or wholes in their place, or to nothing, and are counted as such."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from loose_parts import map_parts, pair_around_body, part_of, sheet
 
 from zoomout_core.matching.components.component_mapping import (
     _carry,
+    _confidence,
     _correct_towards,
     _lies_on,
     _onto,
     _onto_pieces,
     _pieces,
-    _trust,
 )
 from zoomout_core.matching.components.parts import Side
 from zoomout_core.mesh.surface import Surface
@@ -166,8 +166,8 @@ def test_layers_keep_apart_whichever_way_an_open_part_is_wound(flip: bool) -> No
 
 
 def test_a_small_part_takes_its_partners_centre_and_size_and_a_large_one_stays() -> None:
-    small, counterpart = part_of(ball(0.02)), part_of(ball(0.03, (0.02, 0, 0)))
-    np.testing.assert_allclose(_correct_towards(small, counterpart), counterpart.points, atol=1e-9)
+    small, partner = part_of(ball(0.02)), part_of(ball(0.03, (0.02, 0, 0)))
+    np.testing.assert_allclose(_correct_towards(small, partner), partner.points, atol=1e-9)
     large = part_of(ball(0.2))
     np.testing.assert_array_equal(_correct_towards(large, part_of(ball(0.25))), large.points)
 
@@ -196,10 +196,10 @@ def test_a_small_part_keeps_its_shape_where_the_body_bends_and_a_large_one_bends
 
 
 def test_trust_falls_with_the_square_of_the_distance() -> None:
-    left = 0.8 / _trust(0.8, np.array([0.0, 0.01, 0.02, 0.04])) - 1
+    left = 0.8 / _confidence(0.8, np.array([0.0, 0.01, 0.02, 0.04])) - 1
     assert left[0] == 0 < left[1]
     np.testing.assert_allclose(left[2:] / left[1:-1], 4)
-    assert _trust(0.8, np.array([0.03, 0.06]))[0] > 0.4 > _trust(0.8, np.array([0.03, 0.06]))[1]
+    assert _confidence(0.8, np.array([0.03, 0.06]))[0] > 0.4 > _confidence(0.8, np.array([0.03, 0.06]))[1]
 
 
 def test_trust_in_a_partner_falls_with_the_square_of_the_misfit() -> None:
@@ -210,7 +210,7 @@ def test_trust_in_a_partner_falls_with_the_square_of_the_misfit() -> None:
     def trust(misfit: float) -> float:
         image = _onto_pieces(part, normals, [0], 0, np.array([misfit]), theirs, source)
         assert image is not None
-        return float(image.trust.mean())
+        return float(image.confidence.mean())
 
     assert 0.8 < trust(0.0) < 1
     np.testing.assert_allclose((trust(0) / trust(0.4) - 1) / (trust(0) / trust(0.2) - 1), 4)
@@ -218,18 +218,18 @@ def test_trust_in_a_partner_falls_with_the_square_of_the_misfit() -> None:
 
 
 def test_parts_that_are_not_alone_are_trusted_more_if_they_have_a_partner() -> None:
-    whole = map_parts(pair_around_body([ROD], [ROD])).image.trust
-    pieces = map_parts(pair_around_body([ROD], thirds(ROD))).image.trust
+    whole = map_parts(pair_around_body([ROD], [ROD])).image.confidence
+    pieces = map_parts(pair_around_body([ROD], thirds(ROD))).image.confidence
     assert whole.min() > 0.85
     assert 0.4 < pieces.min() < pieces.max() < 0.75
 
 
 def test_a_large_part_is_trusted_as_the_body_around_it_and_a_small_one_for_itself() -> None:
     pair = pair_around_body([*EYES, ROD], [*EYES, ROD])
-    sure, unsure = map_parts(pair).image, map_parts(pair, 0.25).image
-    on_eye = np.abs(pair.target.working.to_surface(pair.target.working.vertices)[sure.vertices, 2]) < 0.1
-    np.testing.assert_allclose(unsure.trust[on_eye], sure.trust[on_eye])
-    np.testing.assert_allclose(unsure.trust[~on_eye], 0.5 * sure.trust[~on_eye])
+    certain, uncertain = map_parts(pair).image, map_parts(pair, 0.25).image
+    on_eye = np.abs(pair.target.working.to_surface(pair.target.working.vertices)[certain.vertices, 2]) < 0.1
+    np.testing.assert_allclose(uncertain.confidence[on_eye], certain.confidence[on_eye])
+    np.testing.assert_allclose(uncertain.confidence[~on_eye], 0.5 * certain.confidence[~on_eye])
 
 
 def test_what_does_not_fit_where_it_would_lie_has_no_image() -> None:

@@ -63,7 +63,7 @@ def test_a_skin_with_the_shape_of_a_part_receives_from_it() -> None:
     images = np.einsum("nc,ncx->nx", found.image.barycentric, corners)
     off = np.linalg.norm(images - target.to_surface(target.vertices[found.image.vertices]), axis=1)
     assert off.max() < 0.2 * SIZE
-    assert found.image.trust.min() > 0.5
+    assert found.image.confidence.min() > 0.5
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from zoomout_core.matching.components import lift as module
 from zoomout_core.matching.components.lift import LiftedMap, _from_shells, _is_smaller, lift
 from zoomout_core.matching.components.shells import ShellMap
 from zoomout_core.matching.pair import Pair
-from zoomout_core.matching.refinement.confidence import Counterparts
+from zoomout_core.matching.refinement.confidence import Partners
 from zoomout_core.matching.registration.nonrigid_icp import Fit
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.samples.spheres import ball
@@ -28,9 +28,9 @@ HAT = ball(0.1, (0, 0, 0.8))
 def lifted_around_body(pair: Pair) -> LiftedMap:
     shape = pair.target_shape
     n = len(shape.mesh.vertices)
-    # Counterparts: the first half of the body's vertices on the target, the second half on the source.
-    counterparts = Counterparts(np.arange(n) < n // 2, np.arange(n) >= n // 2)
-    return lift(pair, Fit.of_map(identity(shape)), np.linspace(0.2, 0.7, n), counterparts)
+    # Partners: the first half of the body's vertices on the target, the second half on the source.
+    partners = Partners(np.arange(n) < n // 2, np.arange(n) >= n // 2)
+    return lift(pair, Fit.of_map(identity(shape)), np.linspace(0.2, 0.7, n), partners)
 
 
 def images(found: LiftedMap, pair: Pair) -> np.ndarray:
@@ -46,8 +46,8 @@ def test_body_and_parts_lie_on_themselves() -> None:
     np.testing.assert_allclose(found.confidence[:on_body], np.linspace(0.2, 0.7, on_body))
     assert found.confidence[on_body:].min() > 0.7
     first = np.arange(on_body) < on_body // 2
-    np.testing.assert_array_equal(found.counterparts.target, [*first, *np.ones(len(found.confidence) - on_body, bool)])
-    np.testing.assert_array_equal(found.counterparts.source, [*~first, *np.ones(len(found.confidence) - on_body, bool)])
+    np.testing.assert_array_equal(found.partners.target, [*first, *np.ones(len(found.confidence) - on_body, bool)])
+    np.testing.assert_array_equal(found.partners.source, [*~first, *np.ones(len(found.confidence) - on_body, bool)])
 
 
 def test_parts_may_stand_before_the_body() -> None:
@@ -67,15 +67,15 @@ def test_a_part_without_a_partner_takes_the_nearest_place_of_the_body_and_no_con
     np.testing.assert_allclose(np.linalg.norm(images(found, pair)[hat], axis=1), RADIUS, rtol=0.03)
     assert images(found, pair)[hat, 2].min() > 0.9 * RADIUS
     assert found.placed == pytest.approx(1 - HAT.area / pair.target.area, rel=1e-6)
-    assert not found.counterparts.target[hat].any()
-    assert found.counterparts.target[len(BODY.vertices) : -hat.sum()].all()
+    assert not found.partners.target[hat].any()
+    assert found.partners.target[len(BODY.vertices) : -hat.sum()].all()
 
 
 @pytest.mark.parametrize("loose", [[], EYES])
 def test_a_part_of_the_source_that_nothing_lies_on_has_no_partner(loose: list[Surface]) -> None:
     pair = pair_around_body([*loose, HAT], loose)
     found = lifted_around_body(pair)
-    beside = found.counterparts.source[len(BODY.vertices) :]
+    beside = found.partners.source[len(BODY.vertices) :]
     np.testing.assert_array_equal(beside, np.arange(len(beside)) < len(beside) - len(HAT.vertices))
 
 
@@ -86,7 +86,7 @@ def test_points_that_no_face_uses_lie_near_and_such_that_are_nowhere_are_let_be(
     found = lifted_around_body(replace(pair, target=target, target_shape=shape_of(target)))
     np.testing.assert_allclose(images(found, pair)[0], [0, 0, RADIUS], atol=0.03)
     np.testing.assert_array_equal(found.confidence[:2], 0)
-    assert found.counterparts.target[:2].all()
+    assert found.partners.target[:2].all()
     np.testing.assert_allclose(found.surface_map.barycentric.sum(axis=1), 1)
     np.testing.assert_allclose(images(found, pair)[2:], pair.target.vertices, atol=1e-6)
 
@@ -112,7 +112,7 @@ def test_notes_on_a_surface_and_itself_speak_of_one_surface() -> None:
     pair = pair_around_body(EYES, EYES)
     own = replace(pair, target=pair.source, target_shape=pair.source_shape)
     (note,) = lifted_around_body(own).notes
-    assert note == "2 loose parts mapped to their counterparts, or to themselves, by position, size and shape."
+    assert note == "2 loose parts mapped to their partners, or to themselves, by position, size and shape."
 
 
 def test_it_is_noted_that_a_body_is_not_the_largest_part() -> None:
@@ -140,8 +140,8 @@ def laid(pair: Any, **of: Any) -> ShellMap:
     corner = np.zeros(len(mesh.vertices), dtype=np.int64)
     corner[mesh.triangles.ravel()] = np.arange(mesh.triangles.size)
     surface_map = SurfaceMap(corner // 3, np.eye(3)[corner % 3], mesh.triangles)
-    counterparts = Counterparts(mesh.component == 0, mesh.component == 1)
-    found = ShellMap(surface_map, np.linspace(0.1, 1, len(mesh.vertices)), counterparts, 0, 0.0, False)
+    partners = Partners(mesh.component == 0, mesh.component == 1)
+    found = ShellMap(surface_map, np.linspace(0.1, 1, len(mesh.vertices)), partners, 0, 0.0, False)
     return replace(found, **of)
 
 
@@ -163,8 +163,8 @@ def test_shells_take_their_images_and_lone_points_those_of_the_nearest() -> None
     np.testing.assert_allclose(np.sort(found.confidence[2:]), np.linspace(0.1, 1, len(on) - 2))
     assert found.confidence[2:].min() > 0
     first = pair.source.components[2:] == 0
-    np.testing.assert_array_equal(found.counterparts.target, [True, True, *first])
-    np.testing.assert_array_equal(found.counterparts.source, [True, True, *~first])
+    np.testing.assert_array_equal(found.partners.target, [True, True, *first])
+    np.testing.assert_array_equal(found.partners.source, [True, True, *~first])
 
 
 def test_notes_say_what_became_of_shells() -> None:
@@ -174,7 +174,7 @@ def test_notes_say_what_became_of_shells() -> None:
         return _from_shells(pair, laid(pair, **of)).notes
 
     assert notes() == ()
-    assert notes(paired=2) == ("2 of 2 parts matched to their counterparts by position, size and shape.",)
+    assert notes(paired=2) == ("2 of 2 parts matched to their partners by position, size and shape.",)
     assert notes(paired=1)[0].endswith("; the others were mapped to the nearest surface.")
     assert notes(in_place=True)[0].startswith("The two meshes overlap in place")
     assert _from_shells(pair, laid(pair, alone=0.2)).placed == pytest.approx(0.8)

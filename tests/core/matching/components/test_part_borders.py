@@ -12,7 +12,7 @@ from zoomout_core.geometry.procrustes import procrustes
 from zoomout_core.matching.components.part_borders import PART_BORDERS, straighten_borders
 from zoomout_core.matching.components.part_motions import PartMotions
 from zoomout_core.matching.components.parts import Side
-from zoomout_core.matching.components.shells import SHELLS, _find_covered, _Image, _uncover
+from zoomout_core.matching.components.shell_images import SHELL_IMAGES, Image, find_covered, uncover
 from zoomout_core.mesh.triangles import vertex_areas
 from zoomout_core.tuning import retune
 
@@ -42,7 +42,7 @@ def grouped(side: Side) -> OrientedSurface:
     """A surface, to look for the closest points on each of its parts."""
     mesh = side.mesh
     component = mesh.component[mesh.triangles[:, 0]]
-    return OrientedSurface(side.points, mesh.triangles, mesh.flipped, SHELLS.normal_weight, component)
+    return OrientedSurface(side.points, mesh.triangles, mesh.flipped, SHELL_IMAGES.normal_weight, component)
 
 
 def strays(straightening: float) -> tuple[int, int]:
@@ -85,7 +85,7 @@ def test_without_a_cost_of_borders_each_vertex_keeps_the_nearest_part() -> None:
 def test_a_shirt_covers_what_is_below_it() -> None:
     surface = both(sheet(0, 1), sheet(0.3, 0.7, 0.01))
     side = side_of(surface)
-    covered = _find_covered(side, np.ones(len(side.points), dtype=bool))[side.mesh.vertex_of]
+    covered = find_covered(side, np.ones(len(side.points), dtype=bool))[side.mesh.vertex_of]
     x, is_body = surface.vertices[:, 0], surface.vertices[:, 2] == 0
     assert not covered[~is_body].any()
     assert covered[is_body & (np.abs(x - 0.5) < 0.19)].all()
@@ -100,14 +100,14 @@ def images_below_a_shirt(cover: float) -> np.ndarray:
     normals = np.tile([0.0, 0.0, 1.0], (20, 1))
     below = np.flatnonzero(component == component[0])
     triangle, barycentric = closest_points(points, side.points, side.mesh.triangles[below])
-    image = _Image(below[triangle], barycentric, np.full(20, 0.001))
+    image = Image(below[triangle], barycentric, np.full(20, 0.001))
     every = np.ones(20, dtype=bool)
-    visible = ~_find_covered(side, np.ones(len(side.points), dtype=bool))
-    with retune(SHELLS, cover=cover):
-        _uncover(image, points, normals, side, visible, every)
+    visible = ~find_covered(side, np.ones(len(side.points), dtype=bool))
+    with retune(SHELL_IMAGES, cover=cover):
+        uncover(image, points, normals, side, visible, every)
     return component[image.triangle] != component[0]
 
 
 def test_errors_of_a_map_do_not_reach_below_a_shirt() -> None:
-    assert images_below_a_shirt(SHELLS.cover).all()
+    assert images_below_a_shirt(SHELL_IMAGES.cover).all()
     assert not images_below_a_shirt(0.0).any()

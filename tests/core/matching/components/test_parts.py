@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Loose parts find their counterparts, bend with the body, and are reported where they have none."""
+"""Loose parts find their partners, bend with the body, and are reported where they have none."""
 
 from __future__ import annotations
 

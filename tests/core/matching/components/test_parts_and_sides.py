@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Measures of a part, parts of a side, and pairing of counterparts."""
+"""Measures of a part, parts of a side, and pairing of partners."""
 
 from __future__ import annotations
 
@@ -133,7 +133,7 @@ def test_all_vertices_count_as_members() -> None:
         assert not members[:, 1].any()
 
 
-# --- counterparts -----------------------------------------------------------------------------------------
+# --- partners -----------------------------------------------------------------------------------------
 
 
 def test_regions_favour_what_they_share_and_part_what_they_do_not() -> None:
@@ -184,8 +184,8 @@ def test_a_part_among_many_finds_its_own() -> None:
 def test_misfits_are_infinite_for_strangers_alone() -> None:
     ours, theirs = balls((0, 0, 0), (0.5, 0, 0)), balls((0, 0, 0), (0.5, 0, 0))
     named = np.array([[True, False], [False, True]])
-    counterparts, misfit = paired_in_regions(ours, theirs, named, named)
-    assert counterparts == {0: 0, 1: 1}
+    partners, misfit = paired_in_regions(ours, theirs, named, named)
+    assert partners == {0: 0, 1: 1}
     np.testing.assert_array_equal(np.isinf(misfit), ~np.eye(2, dtype=bool))
     np.testing.assert_allclose(np.diag(misfit), 0, atol=1e-9)
     unnamed = paired_in_regions(ours, theirs, named[:, :0], named[:, :0])[1]

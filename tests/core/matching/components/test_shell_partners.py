@@ -14,7 +14,8 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from zoomout_core.matching.components.parts import Side
-from zoomout_core.matching.components.shells import _beneath, _pair_shells
+from zoomout_core.matching.components.shell_images import find_beneath
+from zoomout_core.matching.components.shell_pairs import pair_shells
 from zoomout_core.mesh.surface import Surface
 
 WHERE = directions(150, 0)
@@ -61,7 +62,7 @@ def paired(
     ]
     n = len(WHERE)
     pair: Any = SimpleNamespace(regions=[(n * j + np.arange(n), n * i + np.arange(n)) for i, j in regions])
-    chosen, _ = _pair_shells(pair, motion, *parts, sides[1], sides[0])
+    chosen, _ = pair_shells(pair, motion, *parts, sides[1], sides[0])
     return {numbers[0][i]: numbers[1][j] for i, j in chosen}
 
 
@@ -117,7 +118,7 @@ def beneath(radius: float, outer: bool, inner_radius: float = 0.2, in_place: boo
     """(n,) distances from the centre of the images of a ball of a radius, on two concentric balls."""
     source = side([0.3 * WHERE, inner_radius * WHERE])
     of_source = np.linalg.norm(source.points, axis=1) > 0.25
-    image = _beneath(radius * WHERE, WHERE, source, of_source, np.full(len(WHERE), outer), in_place)
+    image = find_beneath(radius * WHERE, WHERE, source, of_source, np.full(len(WHERE), outer), in_place)
     corners = source.points[source.mesh.triangles[image.triangle]]
     on = np.einsum("nc,ncx->nx", image.barycentric, corners)
     np.testing.assert_allclose(image.distance, np.linalg.norm(on - radius * WHERE, axis=1), atol=1e-9)

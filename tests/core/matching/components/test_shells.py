@@ -64,7 +64,7 @@ def test_every_shell_finds_its_like_in_another_pose(stepped, at_rest: Mannequin,
     assert missed(stepped, at_rest, stepping).mean() < 0.015
     assert stepped.certainty > 0.9
     assert stepped.confidence.mean() > 0.7
-    assert any("14 of 14 parts matched to their counterparts" in note for note in stepped.notes)
+    assert any("14 of 14 parts matched to their partners" in note for note in stepped.notes)
 
 
 @pytest.mark.slow
@@ -95,7 +95,7 @@ def test_what_a_partner_lacks_lies_where_the_body_has_it(eye: bool) -> None:
     result = zo.match(source, target)
     image = result.surface_map.vertex
     # A body of one shell is not mapped to a piece of the other.
-    assert any("matched to their counterparts" in note for note in result.notes) is eye
+    assert any("matched to their partners" in note for note in result.notes) is eye
     clear_of_the_sphere = np.linalg.norm(target.vertices, axis=1) > 1 + 0.22 * np.sqrt(welded.area)
     assert (image[clear_of_the_sphere] >= len(sphere)).mean() > 0.95
 
@@ -204,7 +204,7 @@ def test_landmarks_on_shells_are_taken(at_rest: Mannequin, stepping: Mannequin) 
 def test_a_landmark_that_only_the_skin_has_does_not_end_the_match(at_rest, stepping: Mannequin) -> None:
     # Settings that also try the torsos, which have no foot.
     foot = [[int(np.flatnonzero(one.part == "foot.R")[5])] for one in (at_rest, stepping)]
-    with retune(ATTEMPTS, sure=1.0), retune(BODIES, much_of_body=0.0):
+    with retune(ATTEMPTS, certain=1.0), retune(BODIES, much_of_body=0.0):
         result = zo.match(at_rest.surface, stepping.surface, landmarks=(foot[0], foot[1]))
     assert right_parts(result, at_rest, stepping) > 0.98
 
@@ -254,7 +254,7 @@ def test_limbs_that_nearly_touch_are_told_apart_with_tight_skins_among_those_tri
     # The knees touch.
     knees = STEP | {"thigh.L": (-25, 9, 0), "shin.L": (25, -9, 0), "thigh.R": (-25, -9, 0), "shin.R": (25, 9, 0)}
     at_rest, target = mannequin(None, 70, 1), mannequin(knees, 70, 2, (0.8, 1.0, 1.0))
-    with retune(ATTEMPTS, sure=1.0), retune(HULLS, resolution=80, tight_resolution=120):
+    with retune(ATTEMPTS, certain=1.0), retune(HULLS, resolution=80, tight_resolution=120):
         result = zo.match(at_rest.surface, target.surface, k_final=60, samples=400)
     assert right_parts(result, at_rest, target) > 0.9
 

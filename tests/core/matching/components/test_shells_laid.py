@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Maps of shells to counterparts, detection of outer vertices, and landmarks on maps of shells."""
+"""Maps of shells to partners, detection of outer vertices, and landmarks on maps of shells."""
 
 from __future__ import annotations
 
@@ -15,20 +15,13 @@ from scipy.spatial.transform import Rotation
 
 from zoomout_core.geometry.oriented_closest_points import OrientedSurface
 from zoomout_core.matching.components.parts import Side
+from zoomout_core.matching.components.shell_images import find_beneath, map_onto_partner, near_hull
+from zoomout_core.matching.components.shell_pairs import pair_shells
 from zoomout_core.matching.components.shell_registration import Similarities
-from zoomout_core.matching.components.shells import (
-    ShellMap,
-    _beneath,
-    _motion,
-    _onto_counterpart,
-    _outside,
-    _pair_shells,
-    _pin,
-    map_shells,
-)
+from zoomout_core.matching.components.shells import ShellMap, _motion, _pin, map_shells
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
-from zoomout_core.matching.refinement.confidence import Counterparts
+from zoomout_core.matching.refinement.confidence import Partners
 from zoomout_core.matching.registration.nonrigid_icp import Fit
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.samples.spheres import ball
@@ -58,13 +51,13 @@ def laid(
     similarity: Similarities = STILL,
     scale: float = 1.0,
     stays: bool = False,
-    counterpart: int = 0,
+    partner: int = 0,
 ) -> tuple[np.ndarray, float]:
-    """Images of a target's first shell, moved by the body's map, on its counterpart, and the stretch of its edges."""
+    """Images of a target's first shell, moved by the body's map, on its partner, and the stretch of its edges."""
     mesh, shells = source.mesh, looked_for(source)
     part = replace(target.parts(target.points)[0], points=moved)
-    image, stretch = _onto_counterpart(
-        part, counterpart, similarity, scale, stays, target.mesh.vertex_normals, shells, source, target
+    image, stretch = map_onto_partner(
+        part, partner, similarity, scale, stays, target.mesh.vertex_normals, shells, source, target
     )
     return np.einsum("nc,ncx->nx", image.barycentric, source.points[mesh.triangles[image.triangle]]), stretch
 
@@ -124,7 +117,7 @@ def test_what_lies_on_what_is_nearest_keeps_to_the_side_that_faces_alike() -> No
     thin = side_of(ball(0.1, radii=(1, 1, 0.03), count=200))
     outer = np.ones(len(thin.points), dtype=bool)
     for sense in (1, -1):
-        image = _beneath(thin.points * [1, 1, -1.5], sense * thin.mesh.vertex_normals, thin, outer, outer, False)
+        image = find_beneath(thin.points * [1, 1, -1.5], sense * thin.mesh.vertex_normals, thin, outer, outer, False)
         on = np.einsum("nc,ncx->nx", image.barycentric, thin.points[thin.mesh.triangles[image.triangle]])
         middle = np.linalg.norm(thin.points[:, :2], axis=1) < 0.06
         np.testing.assert_array_equal(np.sign(on[middle, 2]), sense * np.sign(thin.points[middle, 2]))
@@ -133,21 +126,21 @@ def test_what_lies_on_what_is_nearest_keeps_to_the_side_that_faces_alike() -> No
 def test_a_shell_lies_on_its_partner_alone() -> None:
     both = side_of(ROD, ball(0.09, (0, 0, 0.05), radii=(3, 1, 0.5), count=200))
     at = both.points[both.mesh.component == 0]
-    for counterpart in (0, 1):
-        on, _ = laid(both, both, at, counterpart=counterpart)
-        assert set(np.round(np.abs(on[:, 2] - 0.05 * counterpart).max(), 3)[None]) <= {0.05, 0.045}
+    for partner in (0, 1):
+        on, _ = laid(both, both, at, partner=partner)
+        assert set(np.round(np.abs(on[:, 2] - 0.05 * partner).max(), 3)[None]) <= {0.05, 0.045}
 
 
 # --- pairing of shells --------------------------------------------------------------------------------------------
 
 
-def counterparts(target: Side, source: Side, scale: float = 1.0) -> dict[int, int]:
+def partners(target: Side, source: Side, scale: float = 1.0) -> dict[int, int]:
     """Paired shell numbers, largest shell first, for a body that stays or grows by `scale`."""
     motion: Any = SimpleNamespace(
         carry=lambda points, normals: (scale * points, normals, np.ones(len(points))), handedness=1.0, scale=scale
     )
     pair: Any = SimpleNamespace(regions=[])
-    return dict(_pair_shells(pair, motion, target.parts(target.points), source.parts(source.points), source, target)[0])
+    return dict(pair_shells(pair, motion, target.parts(target.points), source.parts(source.points), source, target)[0])
 
 
 def number_of(source: Side, at: float) -> int:
@@ -165,26 +158,26 @@ def test_a_shell_of_the_same_shape_is_taken_before_one_of_the_same_moments_nearb
         source = side_of(
             ROD.with_vertices(blunt + np.array([0, 0.06 * sign, 0])), ROD.with_vertices(smooth - [0, 0.03 * sign, 0])
         )
-        assert counterparts(side_of(ROD.with_vertices(blunt)), source) == {0: number_of(source, 0.06 * sign)}
+        assert partners(side_of(ROD.with_vertices(blunt)), source) == {0: number_of(source, 0.06 * sign)}
 
 
 def test_a_shell_nearby_is_taken_before_one_a_little_more_of_its_size_far_off() -> None:
     for sign in (1, -1):
         near, far = ROD.vertices * 1.05 + np.array([0, 0.02 * sign, 0]), ROD.vertices - np.array([0, 0.13 * sign, 0])
         source = side_of(ROD.with_vertices(near), ROD.with_vertices(far))
-        assert counterparts(side_of(ROD), source) == {0: number_of(source, 0.02 * sign)}
+        assert partners(side_of(ROD), source) == {0: number_of(source, 0.02 * sign)}
 
 
 @pytest.mark.parametrize("scale", [0.4, 2.5])
 def test_shells_may_grow_as_the_body_does(scale: float) -> None:
     target = side_of(ROD.with_vertices(ROD.vertices / scale))
-    assert counterparts(target, side_of(ROD.with_vertices(ROD.vertices + np.array([0, 0.1, 0]))), scale) == {0: 0}
+    assert partners(target, side_of(ROD.with_vertices(ROD.vertices + np.array([0, 0.1, 0]))), scale) == {0: 0}
 
 
 def test_a_shell_nearby_is_tried_though_many_far_off_are_more_of_its_size() -> None:
     far = [ROD.with_vertices(ROD.vertices + np.array([0.0, 0.1 + 0.009 * i, 0])) for i in range(8)]
     source = side_of(ROD.with_vertices(ROD.vertices * 1.05 - np.array([0, 0.01, 0])), *far)
-    assert counterparts(side_of(ROD), source) == {0: number_of(source, -0.01)}
+    assert partners(side_of(ROD), source) == {0: number_of(source, -0.01)}
 
 
 # --- the outside ----------------------------------------------------------------------------------------------------
@@ -201,7 +194,7 @@ def test_what_is_near_the_skin_is_on_the_outside() -> None:
     radius = (4 * np.pi) ** -0.5
     hull = skin_of(ball(radius, count=1500))
     side = side_of(*(ball(radius - below, count=40) for below in (0.0, 0.01, 0.04, 0.2)))
-    np.testing.assert_array_equal(_outside(side, hull), side.mesh.component < 2)
+    np.testing.assert_array_equal(near_hull(side, hull), side.mesh.component < 2)
 
 
 # --- all shells -----------------------------------------------------------------------------------------------------
@@ -214,12 +207,12 @@ def map_of(source: Surface, target: Surface, trust: float = 0.8, on_hull: bool =
         source: surface that the map goes to.
         target: surface that the map starts from.
         trust: confidence of the hull's map.
-        on_hull: whether the hulls' vertices have counterparts.
+        on_hull: whether the hulls' vertices have partners.
     """
     shapes = [skin_of(surface) for surface in (source, target)]
     pair = Pair(source, target, shapes[0], shapes[1], 20, 10)
-    counterparts = Counterparts(*(np.full(len(shape.mesh.vertices), on_hull) for shape in shapes[::-1]))
-    return map_shells(pair, Fit.of_map(identity(shapes[1])), np.full(len(counterparts.target), trust), counterparts)
+    partners = Partners(*(np.full(len(shape.mesh.vertices), on_hull) for shape in shapes[::-1]))
+    return map_shells(pair, Fit.of_map(identity(shapes[1])), np.full(len(partners.target), trust), partners)
 
 
 TRUNK = ball(0.3, radii=(1, 0.7, 1.6), count=150)
@@ -231,7 +224,7 @@ def turned(surface: Surface) -> Surface:
     return surface.with_vertices(surface.vertices @ ABOUT.T + 3)
 
 
-def test_shells_that_have_their_like_are_onto_partner_it_and_trusted() -> None:
+def test_shells_that_have_a_partner_are_mapped_onto_it_and_trusted() -> None:
     source = Surface.joined([TRUNK, HORN, KNOB])
     found = map_of(source, turned(source))
     on = found.surface_map.interpolate(source.vertices[np.argsort(source.working.vertex_of)])
@@ -265,7 +258,7 @@ def test_a_shell_far_from_the_other_surface_has_no_partner_on_it(on_target: bool
     far = KNOB.with_vertices(KNOB.vertices - np.array([1.0, 0, 0]))
     longer, shorter = Surface.joined([TRUNK, HORN, far]), Surface.joined([TRUNK, HORN])
     source, target = (shorter, turned(longer)) if on_target else (longer, turned(shorter))
-    found = map_of(source, target).counterparts
+    found = map_of(source, target).partners
     # All shells but the third.
     np.testing.assert_array_equal(found.target, target.working.component < 2)
     np.testing.assert_array_equal(found.source, source.working.component < 2)
@@ -276,8 +269,8 @@ def test_what_the_skin_has_no_partner_for_only_registered_shells_have() -> None:
     target = turned(Surface.joined([TRUNK, KNOB, HORN]))
     found = map_of(source, target, on_hull=False)
     assert found.paired == 2
-    np.testing.assert_array_equal(found.counterparts.target, target.working.component != 1)
-    assert found.counterparts.source.all()
+    np.testing.assert_array_equal(found.partners.target, target.working.component != 1)
+    assert found.partners.source.all()
 
 
 def test_shells_that_stay_where_they_are_owe_their_partners_to_no_skin() -> None:
@@ -285,7 +278,7 @@ def test_shells_that_stay_where_they_are_owe_their_partners_to_no_skin() -> None
     in_place = map_of(source, Surface.joined([TRUNK, KNOB, ball(0.01, (0, 0.21, 0), count=20)]), on_hull=False)
     assert in_place.in_place
     assert in_place.paired == 2
-    assert np.concatenate(in_place.counterparts).all()
+    assert np.concatenate(in_place.partners).all()
 
 
 @pytest.mark.parametrize(("trust", "of_body"), [(0.8, 0.8), (1.3, 1.0), (-0.3, 0.0)])

@@ -15,7 +15,7 @@ from zoomout_core.matching.components.shell_registration import (
     SHELL_ICP,
     Shells,
     _along_axes,
-    _counterparts,
+    _partners,
     register_shells,
 )
 from zoomout_core.tuning import retune
@@ -175,5 +175,5 @@ def test_what_is_left_is_left_by_the_motion_that_is_found() -> None:
         found, left = register_shells(
             target, source, ours, theirs, Similarities(np.ones(2), starts, np.zeros((2, 3))), 1
         )
-    distances = _counterparts(target, source, ours, theirs, found)[2]
+    distances = _partners(target, source, ours, theirs, found)[2]
     np.testing.assert_allclose(left, np.sqrt((distances**2).mean(axis=1)))

@@ -63,24 +63,24 @@ def test_a_shape_is_fitted_to_itself_by_nearly_the_identity(shapes) -> None:
 @pytest.mark.parametrize("side", [1, -1])
 def test_the_best_scored_fits_come_first_and_are_distinct(shapes, side: int) -> None:
     source, target = shapes
-    guesses = descriptor_hypotheses(source, target, sides=(side,))
-    assert 2 <= len(guesses) <= 8
-    maps = [nearest_samples(source.search, target.search, guess.functional_map) for guess in guesses]
+    hypotheses = descriptor_hypotheses(source, target, sides=(side,))
+    assert 2 <= len(hypotheses) <= 8
+    maps = [nearest_samples(source.search, target.search, hypothesis.functional_map) for hypothesis in hypotheses]
     totals = [
-        total_score(scores_of(guess.functional_map, sample_map, source, target, side < 0))
-        for guess, sample_map in zip(guesses, maps, strict=True)
+        total_score(scores_of(hypothesis.functional_map, sample_map, source, target, side < 0))
+        for hypothesis, sample_map in zip(hypotheses, maps, strict=True)
     ]
     assert totals == sorted(totals)
     assert not np.tril(alike([source.coordinates[each] for each in maps], 0.05), -1).any()
     # The origin of a fit records its parameters.
-    for guess in guesses:
-        size, weight, mask_weight = (float(word) for word in guess.origin.split()[1:])
-        np.testing.assert_allclose(guess.functional_map, _fit(source, target, int(size), weight, mask_weight))
+    for hypothesis in hypotheses:
+        size, weight, mask_weight = (float(word) for word in hypothesis.origin.split()[1:])
+        np.testing.assert_allclose(hypothesis.functional_map, _fit(source, target, int(size), weight, mask_weight))
         assert np.sign(weight) == side
 
 
 def test_both_sides_are_tried_unless_asked_otherwise(shapes) -> None:
-    origins = [guess.origin for guess in descriptor_hypotheses(*shapes)]
+    origins = [hypothesis.origin for hypothesis in descriptor_hypotheses(*shapes)]
     sides = ["-" in origin for origin in origins]
     assert sides == sorted(sides)
     assert 2 <= sum(sides) < len(sides)
@@ -90,11 +90,11 @@ def test_both_sides_are_tried_unless_asked_otherwise(shapes) -> None:
 
 def test_what_is_known_decides_which_fits_come_first(shapes) -> None:
     for size in (8, 16):
-        guesses = descriptor_hypotheses(*shapes, lambda C, *_: {"axes": 50.0 * (len(C) != size)})  # noqa: B023
-        assert len(guesses[0].functional_map) == size
+        hypotheses = descriptor_hypotheses(*shapes, lambda C, *_: {"axes": 50.0 * (len(C) != size)})  # noqa: B023
+        assert len(hypotheses[0].functional_map) == size
 
 
 def test_sizes_are_those_that_both_bases_allow(shapes) -> None:
     few = shape_of(200, 2, k=10)
     for pair in ((shapes[0], few), (few, shapes[0])):
-        assert {len(guess.functional_map) for guess in descriptor_hypotheses(*pair)} == {8}
+        assert {len(hypothesis.functional_map) for hypothesis in descriptor_hypotheses(*pair)} == {8}

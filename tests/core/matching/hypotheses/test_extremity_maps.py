@@ -124,21 +124,21 @@ def test_the_tips_of_a_shape_stand_out_in_falling_order_as_far_as_they_do(shapes
 
 def test_the_true_map_is_held_by_what_its_tips_say(shapes) -> None:
     source, target = shapes
-    guesses = extremity_hypotheses(source, target)
+    hypotheses = extremity_hypotheses(source, target)
     truth = true_vertex(SOURCE, TARGET)
     off = []
-    for guess in guesses:
-        assert guess.anchors is not None
-        image = np.linalg.norm(guess.anchors.target[:, None] - guess.anchors.source, axis=2).argmin(axis=1)
+    for hypothesis in hypotheses:
+        assert hypothesis.anchors is not None
+        image = np.linalg.norm(hypothesis.anchors.target[:, None] - hypothesis.anchors.source, axis=2).argmin(axis=1)
         off.append(np.linalg.norm(source.mesh.vertices[image] - source.mesh.vertices[truth], axis=1).mean())
     assert min(off) < 0.12
-    assert 3 <= len(guesses) <= 16
-    assert not any("mirrored" in guess.origin for guess in guesses)  # a closed shape has known sides
+    assert 3 <= len(hypotheses) <= 16
+    assert not any("mirrored" in hypothesis.origin for hypothesis in hypotheses)  # a closed shape has known sides
 
 
 def test_a_cloth_may_lie_either_way() -> None:
     source, target = shape_of(sheet(250, seed=0).surface), shape_of(sheet(220, seed=1).surface)
-    sides = ["mirrored" in guess.origin for guess in extremity_hypotheses(source, target)]
+    sides = ["mirrored" in hypothesis.origin for hypothesis in extremity_hypotheses(source, target)]
     assert sides == sorted(sides)
     assert 0 < sum(sides) < len(sides)
 
@@ -147,7 +147,7 @@ def test_a_cloth_may_lie_either_way() -> None:
 def test_sides_are_known_of_two_shapes_only_if_they_are_of_both(shapes, cloth_first: bool) -> None:
     cloth = shape_of(sheet(200).surface)
     both = (cloth, shapes[1]) if cloth_first else (shapes[0], cloth)
-    assert {"mirrored" in guess.origin for guess in extremity_hypotheses(*both)} == {False, True}
+    assert {"mirrored" in hypothesis.origin for hypothesis in extremity_hypotheses(*both)} == {False, True}
 
 
 def test_few_functions_are_enough(shapes) -> None:
@@ -176,16 +176,16 @@ def test_what_is_known_decides_which_pairings_are_kept(shapes) -> None:
         calls.append(len(calls))
         return {"axes": 1000.0 / len(calls)}
 
-    usual = [guess.origin for guess in extremity_hypotheses(*shapes)]
-    other = [guess.origin for guess in extremity_hypotheses(*shapes, against_all_but_the_last)]
+    usual = [hypothesis.origin for hypothesis in extremity_hypotheses(*shapes)]
+    other = [hypothesis.origin for hypothesis in extremity_hypotheses(*shapes, against_all_but_the_last)]
     assert len(calls) > len(usual)
     assert usual != other
     assert usual[0] == other[0]  # the pairings that preserve distances best are always kept
 
 
-def paired(guesses: list[Hypothesis]) -> set[str]:
-    """Pairs of tips that occur in the origin of any guess."""
-    return {pair for guess in guesses for pair in guess.origin.removeprefix("extremities ").split()}
+def paired(hypotheses: list[Hypothesis]) -> set[str]:
+    """Pairs of tips that occur in the origin of any hypothesis."""
+    return {pair for hypothesis in hypotheses for pair in hypothesis.origin.removeprefix("extremities ").split()}
 
 
 def test_more_pairings_are_tried_where_no_map_is_likely(shapes) -> None:

@@ -109,15 +109,15 @@ def test_every_limb_of_a_creature_with_many_counts(figure: Figure, count: int) -
 def test_creatures_of_many_limbs_are_paired_even_if_one_is_missing(of_source: Figure, of_target: Figure) -> None:
     source, target = shape(of_source, 2000, seed=0), shape(of_target, 1500, seed=1, bend=0.8)
     source_shape, target_shape = prepared(source.surface), prepared(target.surface)
-    guesses = extremity_hypotheses(source_shape, target_shape)
+    hypotheses = extremity_hypotheses(source_shape, target_shape)
     known = cKDTree(source.places).query(target.places)[0] < 0.15  # excludes the missing arm
     samples = target_shape.search.samples
     images = source_shape.search.samples
     errors = []
-    for guess in guesses:
-        assert guess.anchors is not None
-        anchors = guess.anchors.at(images, samples)
-        C, _ = upsample(source_shape.search, target_shape.search, guess.functional_map, 30, 2, anchors)
+    for hypothesis in hypotheses:
+        assert hypothesis.anchors is not None
+        anchors = hypothesis.anchors.at(images, samples)
+        C, _ = upsample(source_shape.search, target_shape.search, hypothesis.functional_map, 30, 2, anchors)
         image = images[nearest_samples(source_shape.search, target_shape.search, C, anchors)]
         off = np.linalg.norm(source.places[image] - target.places[samples], axis=1) / source_shape.mesh.scale
         errors.append(off[known[samples]].mean())
@@ -164,7 +164,10 @@ def test_turns_change_their_sign_with_the_order_of_the_places(shapes) -> None:
 def test_descriptors_find_the_map_of_a_shape_without_limbs(stones: tuple[Shaped, Shaped]) -> None:
     source, target = (prepared(stone.surface) for stone in stones)
     places = stones[0].places, stones[1].places
-    errors = {guess.origin: error_of(guess, source, target, places) for guess in descriptor_hypotheses(source, target)}
+    errors = {
+        hypothesis.origin: error_of(hypothesis, source, target, places)
+        for hypothesis in descriptor_hypotheses(source, target)
+    }
     assert min(error for origin, error in errors.items() if "+" in origin) < 0.05
 
 
@@ -173,15 +176,18 @@ def test_descriptors_find_a_mirror_image_with_the_other_sign(stones: tuple[Shape
     mirror = Surface(stones[1].surface.vertices * [-1, 1, 1], stones[1].surface.triangles[:, ::-1])
     source, target = prepared(stones[0].surface), prepared(mirror)
     places = stones[0].places, stones[1].places
-    errors = {guess.origin: error_of(guess, source, target, places) for guess in descriptor_hypotheses(source, target)}
+    errors = {
+        hypothesis.origin: error_of(hypothesis, source, target, places)
+        for hypothesis in descriptor_hypotheses(source, target)
+    }
     assert min(error for origin, error in errors.items() if "-" in origin) < 0.05
 
 
 def test_no_two_fits_of_descriptors_are_alike(shapes) -> None:
     source, target = shapes
     places = [
-        source.coordinates[nearest_samples(source.search, target.search, guess.functional_map)]
-        for guess in descriptor_hypotheses(source, target)
+        source.coordinates[nearest_samples(source.search, target.search, hypothesis.functional_map)]
+        for hypothesis in descriptor_hypotheses(source, target)
     ]
     assert len(places) > 1
     assert not np.tril(alike(places, DESCRIPTORS.same_fit), -1).any()
@@ -214,8 +220,8 @@ def test_shapes_without_features_give_finite_hypotheses_without_a_warning() -> N
         warnings.simplefilter("error")
         for surface in (icosahedron, table):
             other = prepared(surface)
-            for guesses in (extremity_hypotheses, sign_hypotheses, descriptor_hypotheses):
-                assert all(np.isfinite(guess.functional_map).all() for guess in guesses(other, other))
+            for generate in (extremity_hypotheses, sign_hypotheses, descriptor_hypotheses):
+                assert all(np.isfinite(hypothesis.functional_map).all() for hypothesis in generate(other, other))
             assert np.isfinite(other.curvature).all()
             assert np.isfinite(other.pseudo_scalars).all()
 
@@ -261,4 +267,4 @@ def test_a_cloth_is_paired_by_its_corners_whichever_side_is_up() -> None:
     places = source.places, target.places
     for triangles in (target.surface.triangles, target.surface.triangles[:, ::-1]):
         shapes = prepared(source.surface), prepared(Surface(target.surface.vertices, triangles))
-        assert min(error_of(guess, *shapes, places) for guess in extremity_hypotheses(*shapes)) < 0.05
+        assert min(error_of(hypothesis, *shapes, places) for hypothesis in extremity_hypotheses(*shapes)) < 0.05

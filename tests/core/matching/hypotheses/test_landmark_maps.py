@@ -26,13 +26,13 @@ def shape_of(surface: Surface, k: int = 40) -> ShapeAnalysis:
 def test_landmarks_give_the_map_that_pairs_them_whichever_side_they_mean(vertex: np.ndarray) -> None:
     source, target = shape_of(SOURCE.surface), shape_of(TARGET.surface)
     tips = (TARGET.directions @ np.transpose(AXES)).argmax(axis=0)
-    guess = landmark_hypothesis(source, target, vertex[tips], tips)
-    assert guess.origin == "5 landmarks"
-    assert 5 <= len(guess.functional_map) <= 20
-    image = source.search.samples[nearest_samples(source.search, target.search, guess.functional_map)]
+    hypothesis = landmark_hypothesis(source, target, vertex[tips], tips)
+    assert hypothesis.origin == "5 landmarks"
+    assert 5 <= len(hypothesis.functional_map) <= 20
+    image = source.search.samples[nearest_samples(source.search, target.search, hypothesis.functional_map)]
     wanted = vertex[target.search.samples]
     assert np.linalg.norm(source.mesh.vertices[image] - source.mesh.vertices[wanted], axis=1).mean() < 0.3
-    held = guess.anchors
+    held = hypothesis.anchors
     assert held is not None
     image = np.linalg.norm(held.target[:, None] - held.source, axis=2).argmin(axis=1)
     off = np.linalg.norm(source.mesh.vertices[image] - source.mesh.vertices[vertex], axis=1).mean()
@@ -64,11 +64,11 @@ def test_hundreds_of_landmarks_hold_a_map_by_those_farthest_from_each_other() ->
     """Functions of all pairs of 280 landmarks would take 150 MB and minutes."""
     source, target = shape_of(SOURCE.surface), shape_of(TARGET.surface)
     ids = np.arange(len(TARGET.directions))
-    guess = landmark_hypothesis(source, target, true_vertex(SOURCE, TARGET), ids)
-    assert guess.origin == "280 landmarks"
-    assert guess.anchors is not None
+    hypothesis = landmark_hypothesis(source, target, true_vertex(SOURCE, TARGET), ids)
+    assert hypothesis.origin == "280 landmarks"
+    assert hypothesis.anchors is not None
     turns = LANDMARKS.turning * (LANDMARKS.turning - 1) // 2
-    assert guess.anchors.source.shape == (300, LANDMARKS.max_count + turns)
-    image = np.linalg.norm(guess.anchors.target[:, None] - guess.anchors.source, axis=2).argmin(axis=1)
+    assert hypothesis.anchors.source.shape == (300, LANDMARKS.max_count + turns)
+    image = np.linalg.norm(hypothesis.anchors.target[:, None] - hypothesis.anchors.source, axis=2).argmin(axis=1)
     off = source.mesh.vertices[image] - source.mesh.vertices[true_vertex(SOURCE, TARGET)]
     assert np.linalg.norm(off, axis=1).mean() < 0.05

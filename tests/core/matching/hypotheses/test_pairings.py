@@ -136,8 +136,8 @@ def test_limbs_are_extremities_and_bumps_are_not() -> None:
 @pytest.mark.parametrize("sides", [(1,), (-1,)])
 def test_maps_are_guessed_of_the_sides_that_are_asked_for(sides: tuple[int, ...]) -> None:
     source, target = shape_of(creature(300)), shape_of(creature(290, seed=1))
-    guesses = extremity_hypotheses(source, target, sides=sides)
-    assert {"mirrored" in guess.origin for guess in guesses} == {side < 0 for side in sides}
-    assert all(guess.anchors is not None for guess in guesses)
+    hypotheses = extremity_hypotheses(source, target, sides=sides)
+    assert {"mirrored" in hypothesis.origin for hypothesis in hypotheses} == {side < 0 for side in sides}
+    assert all(hypothesis.anchors is not None for hypothesis in hypotheses)
     only = extremity_hypotheses(source, target, wanted=lambda of_target, _: len(of_target) == 4)
-    assert {len(guess.origin.split()) - 1 for guess in only} == {4}
+    assert {len(hypothesis.origin.split()) - 1 for hypothesis in only} == {4}

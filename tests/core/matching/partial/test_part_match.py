@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Parts are matched to wholes, and wholes to parts, without a hint; vertices without a counterpart are marked."""
+"""Parts are matched to wholes, and wholes to parts, without a hint; vertices without a partner are marked."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def matched(source: Surface, target: Surface, **given: Any) -> zo.MatchResult:
     zo.forget_shapes()
     with (
         retune(ATTEMPTS, same_share=1.0),
-        retune(PART_MATCH, unsure=1.0, misfit=-50.0, another_map=2.0),
+        retune(PART_MATCH, uncertain=1.0, misfit=-50.0, another_map=2.0),
         retune(PART_CANDIDATES, landmarks=7, regions=0, registered=4),
     ):
         return zo.match(source, target, k_final=60, samples=400, **given)
@@ -66,7 +66,7 @@ def test_a_part_is_matched_to_its_whole(made: tuple[Creature, Creature]) -> None
     assert overlap_of(result.source_has_partner, in_lower_half(whole)) > 0.85
     missing = whole.surface.share_of_area(~in_lower_half(whole))
     assert result.source_share_without_partner == pytest.approx(missing, abs=0.1)
-    share = f"About {result.source_share_without_partner:.0%} of the source has no counterpart"
+    share = f"About {result.source_share_without_partner:.0%} of the source has no partner"
     assert any(note.startswith(share) for note in result.notes)
     # Between bases at unit area the constant function, of norm one, maps to itself.
     assert abs(result.functional_map[0, 0]) == pytest.approx(1, abs=1e-6)
@@ -96,7 +96,7 @@ def test_a_whole_is_matched_to_its_part(made: tuple[Creature, Creature]) -> None
     assert overlap_of(result.has_partner, in_lower_half(whole)) > 0.85
     assert result.source_has_partner.mean() > 0.95
     assert any(f"About {result.share_without_partner:.0%} of the target" in note for note in result.notes)
-    # Triangles without a counterpart do not count as flipped.
+    # Triangles without a partner do not count as flipped.
     assert not any("flips" in note for note in result.notes)
 
 

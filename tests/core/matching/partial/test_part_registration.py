@@ -51,7 +51,7 @@ def test_scores_do_not_depend_on_the_unit_of_areas(fitted: RegisteredPart) -> No
 
 
 def test_the_whole_does_not_draw_the_part(lower: PartAndWhole) -> None:
-    """Half of the whole has no counterpart; if it attracted the part, it would stretch the part's borders over itself.
+    """Half of the whole has no partner; if it attracted the part, it would stretch the part's borders over itself.
 
     Softer parts with more sliding would stretch more, by 0.07 at these levels.
     """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Rules of partial matching: terms of the promise of a map, counterparts of places, and rival maps."""
+"""Rules of partial matching: terms of the promise of a map, partners of places, and rival maps."""
 
 from __future__ import annotations
 
@@ -266,7 +266,7 @@ def test_of_two_fragments_the_best_maps_of_either_search_are_registered_again_an
     assert [one.scores["fit"] for one in result] == [0.5, 1.0, 2.0, 5.0]
 
 
-# --- counterparts -----------------------------------------------------------------------------------------------
+# --- partners -----------------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -330,15 +330,15 @@ def test_of_the_part_has_a_partner_what_is_near_the_whole_faces_as_it_does_and_i
 
     monkeypatch.setattr(part_match, "register_part", lambda *_: made)
     found = fit_part(surface_and_shapes(lower), candidate(lower.everywhere, lower.true_places()))
-    np.testing.assert_array_equal(found.counterparts.target, ~(bad(0) | bad(1) | bad(2)))
-    np.testing.assert_array_equal(found.fit.fits, found.counterparts.target)
-    assert 0.2 < found.counterparts.source.mean() < 0.8
+    np.testing.assert_array_equal(found.partners.target, ~(bad(0) | bad(1) | bad(2)))
+    np.testing.assert_array_equal(found.fit.fits, found.partners.target)
+    assert 0.2 < found.partners.source.mean() < 0.8
     assert found.fit.surface_map is fitted.closest
     back = fit_part(surface_and_shapes(lower, False), candidate(lower.everywhere, lower.true_places()))
     assert back.back is fitted.closest
     np.testing.assert_array_equal(back.fit.surface_map.triangle, found.back.triangle)
-    np.testing.assert_array_equal(back.counterparts.source, found.counterparts.target)
-    np.testing.assert_array_equal(back.counterparts.target, found.counterparts.source)
+    np.testing.assert_array_equal(back.partners.source, found.partners.target)
+    np.testing.assert_array_equal(back.partners.target, found.partners.source)
 
 
 @pytest.mark.parametrize("part_is_target", [True, False])

@@ -113,9 +113,9 @@ def test_what_of_the_body_is_not_on_the_hand_has_no_partner(
 ) -> None:
     fit = fit_part(made[2], found[0])
     assert np.median(errors_of(fit.fit.surface_map, made)) < 0.02
-    assert fit.counterparts.target.mean() > 0.95
+    assert fit.partners.target.mean() > 0.95
     on_hand = made[1].directions[:, 0] > WRIST
-    both, either = fit.counterparts.source & on_hand, fit.counterparts.source | on_hand
+    both, either = fit.partners.source & on_hand, fit.partners.source | on_hand
     assert both.sum() > 0.8 * either.sum()
     # Positions are in the body's frame and unit.
     true = made[2].source_shape.mesh.vertices[true_vertex(made[1], made[0])]

@@ -242,10 +242,10 @@ def ranked(creatures: tuple[Creature, Creature]) -> tuple[list[Candidate], Shape
     source, target = (analyse(one.surface.working.part(0)[0], 90, 300, 0) for one in creatures)
     about = np.asarray(cKDTree(creatures[0].directions).query(creatures[1].directions * [-1, -1, 1])[1])
     maps = {"true": true_vertex(*creatures), "mirrored": mirrored_vertex(*creatures), "about": about}
-    guesses = [
+    hypotheses = [
         Hypothesis(name, functional_map_of(vertex, source.basis, target.basis, 8, 8)) for name, vertex in maps.items()
     ]
-    return rank(guesses, source, target), source, target
+    return rank(hypotheses, source, target), source, target
 
 
 def test_the_true_map_comes_first_and_its_mirror_image_is_kept_after_it(ranked) -> None:
@@ -289,16 +289,16 @@ def test_a_closed_shape_is_not_aligned_the_other_way_whatever_fits_better(ranked
 def test_where_sides_are_unknown_mirror_images_are_compared_as_others_are(ranked, monkeypatch, sides_are_known) -> None:
     candidates, *shapes = ranked
     monkeypatch.setattr("zoomout_core.matching.ranking.rank.sides_are_known", lambda *_: sides_are_known)
-    guesses = [Hypothesis(one.origin, one.functional_map[:8, :8]) for one in candidates]
-    found = rank(guesses, *shapes, quotas=((1, 1), (0, 0)))
+    hypotheses = [Hypothesis(one.origin, one.functional_map[:8, :8]) for one in candidates]
+    found = rank(hypotheses, *shapes, quotas=((1, 1), (0, 0)))
     assert [one.reverses_orientation for one in found].count(True) == (not sides_are_known)
     assert [one.reverses_orientation for one in found].count(False) == 1
 
 
 def test_progress_of_ranking_rises_through_screening_refining_and_aligning(ranked) -> None:
     candidates, *shapes = ranked
-    guesses = [Hypothesis(one.origin, one.functional_map[:8, :8]) for one in candidates]
-    fractions = [0.0, *fractions_of(lambda: rank(guesses, *shapes)), 1.0]
+    hypotheses = [Hypothesis(one.origin, one.functional_map[:8, :8]) for one in candidates]
+    fractions = [0.0, *fractions_of(lambda: rank(hypotheses, *shapes)), 1.0]
     assert fractions == sorted(fractions)
     for start, end in ((0.0, 0.6), (0.6, 0.8), (0.8, 1.0)):
         assert sum(start < fraction <= end for fraction in fractions) >= 2

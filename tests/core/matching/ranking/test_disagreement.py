@@ -163,9 +163,9 @@ def test_how_far_a_landmark_that_is_met_takes_its_surroundings_along_falls_as_a_
     places, unit = flat.vertices, np.sqrt(flat.area)
     inner = int(np.linalg.norm(places - places.mean(axis=0), axis=1).argmin())
     distance = dijkstra(edge_graph(places, flat.triangles), indices=inner) / unit
-    counterpart = int(np.argsort(distance)[1])
-    moved = np.linalg.norm(bend_identity(flat, counterpart, inner) - places, axis=1)
-    assert moved[inner] == pytest.approx(np.linalg.norm(places[counterpart] - places[inner]))
+    partner = int(np.argsort(distance)[1])
+    moved = np.linalg.norm(bend_identity(flat, partner, inner) - places, axis=1)
+    assert moved[inner] == pytest.approx(np.linalg.norm(places[partner] - places[inner]))
     # Points that would leave the sheet stay at its border, up to rounding.
     near = (distance > 0.02) & (distance < 0.15) & (moved > 1e-9 * moved[inner])
     rates = np.log(moved[near] / moved[inner]) / distance[near] ** 2

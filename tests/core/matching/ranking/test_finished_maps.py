@@ -38,8 +38,8 @@ def candidates(creatures, shapes) -> dict[str, Candidate]:
     about = np.asarray(cKDTree(creatures[0].directions).query(creatures[1].directions * [-1, -1, 1])[1])
     maps = {"true": true_vertex(*creatures), "mirrored": mirrored_vertex(*creatures), "about": about}
     bases = [shape.basis for shape in shapes]
-    guesses = [Hypothesis(name, functional_map_of(vertex, *bases, 8, 8)) for name, vertex in maps.items()]
-    return {one.origin: one for one in rank(guesses, *shapes)}
+    hypotheses = [Hypothesis(name, functional_map_of(vertex, *bases, 8, 8)) for name, vertex in maps.items()]
+    return {one.origin: one for one in rank(hypotheses, *shapes)}
 
 
 def with_total(candidate: Candidate, total: float) -> Candidate:

@@ -15,9 +15,9 @@ from zoomout_core.matching.refinement import confidence as confidence_module
 from zoomout_core.matching.refinement.confidence import (
     CONFIDENCE,
     confidence_of,
-    counterparts_by_cycle,
     cycle_error,
     local_distortion,
+    partners_by_cycle,
     spectral_distance,
     torn_triangles,
 )
@@ -162,11 +162,11 @@ def test_what_is_turned_over_is_not_trusted_whatever_the_witnesses_say(shape: Sh
 
 
 def test_what_leads_to_its_surroundings_and_not_back_has_no_partner(shape: ShapeAnalysis) -> None:
-    lost = counterparts_by_cycle(elsewhere(shape, TAIL), identity(shape), shape, shape)
+    lost = partners_by_cycle(elsewhere(shape, TAIL), identity(shape), shape, shape)
     for has_partner in lost:
         assert shape.basis.areas[~has_partner].sum() == pytest.approx(shape.basis.areas[TAIL].sum(), rel=0.25)
         assert has_partner[~TAIL].mean() > 0.95
-    assert np.concatenate(counterparts_by_cycle(identity(shape), identity(shape), shape, shape)).all()
+    assert np.concatenate(partners_by_cycle(identity(shape), identity(shape), shape, shape)).all()
 
 
 def test_what_fills_a_hole_of_the_other_shape_has_no_partner() -> None:
@@ -180,12 +180,12 @@ def test_what_fills_a_hole_of_the_other_shape_has_no_partner() -> None:
     shapes = analyse_piece(whole), analyse_piece(holed)
     # Only the end on the border reveals it: the round trip is short.
     with retune(CONFIDENCE, without_partner=1.0):
-        found = counterparts_by_cycle(there, back, *shapes)
+        found = partners_by_cycle(there, back, *shapes)
         assert found.target.all()
         assert found.source[kept].all()
         assert found.source[inside].mean() < 0.5
         with retune(CONFIDENCE, beyond_border=1.0):
-            assert counterparts_by_cycle(there, back, *shapes).source.all()
+            assert partners_by_cycle(there, back, *shapes).source.all()
 
 
 def test_small_errors_do_not_make_a_place_lonely(shape: ShapeAnalysis) -> None:
@@ -193,7 +193,7 @@ def test_small_errors_do_not_make_a_place_lonely(shape: ShapeAnalysis) -> None:
     np.fill_diagonal(distance, np.inf)
     beside = np.where(distance.min(axis=1) < 0.04, distance.argmin(axis=1), np.arange(len(distance)))
     assert (beside != np.arange(len(beside))).mean() > 0.2
-    found = counterparts_by_cycle(vertex_map(beside, shape), identity(shape), shape, shape)
+    found = partners_by_cycle(vertex_map(beside, shape), identity(shape), shape, shape)
     assert found.target.mean() > 0.98
 
 
@@ -203,9 +203,9 @@ def test_few_vertices_far_astray_among_others_that_return_have_partners(shape: S
     vertex = np.arange(len(distance))
     vertex[np.argsort(distance)[:3]] = np.argmax(distance)
     there = vertex_map(vertex, shape)
-    assert counterparts_by_cycle(there, identity(shape), shape, shape).target.all()
+    assert partners_by_cycle(there, identity(shape), shape, shape).target.all()
     with retune(CONFIDENCE, pooling=0.0):
-        assert not counterparts_by_cycle(there, identity(shape), shape, shape).target[centre]
+        assert not partners_by_cycle(there, identity(shape), shape, shape).target[centre]
 
 
 def test_a_cycle_misses_by_the_distance_in_the_units_of_the_vertices(shape: ShapeAnalysis) -> None:

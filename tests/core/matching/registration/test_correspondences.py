@@ -153,11 +153,11 @@ def test_places_of_both_shapes_look_for_the_side_that_faces_alike(leaf: ShapeAna
     limit = GeodesicLimit(np.arange(len(vertices)), leaf)
     beyond = vertices - 2.5 * vertices * [0, 0, 1]
     vertex, residual, _ = residuals(beyond, normals, places, places, Surroundings.of(leaf), limit, 0.02)
-    counterpart = beyond[vertex] + residual
+    partner = beyond[vertex] + residual
     inner = middle_of(leaf)[vertex]
     count = len(places.vertex)
     for both in (slice(None, count), slice(count, None)):
-        same = np.sign(counterpart[both, 2]) == np.sign(vertices[vertex[both], 2])
+        same = np.sign(partner[both, 2]) == np.sign(vertices[vertex[both], 2])
         assert same[inner[both]].mean() > 0.95
 
 

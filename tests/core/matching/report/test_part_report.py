@@ -81,7 +81,7 @@ def test_all_parts_of_a_right_map_are_listed_without_a_warning() -> None:
         mapped(source, triangle[triangle < len(source.triangles) // 2].repeat(2)[:count], (1,)),
         name_parts(source, materials=NAMES, material_of=material),
     )
-    assert doubtful[1:] == ("Little arrives for certain from loose parts of 'Skin'.",)
+    assert doubtful[1:] == ("The target receives little reliable data from loose parts of 'Skin'.",)
 
 
 def test_a_source_that_is_matched_as_a_single_part_has_no_list() -> None:

@@ -31,14 +31,18 @@ pytestmark = pytest.mark.usefixtures("few_candidates")
         ({"certainty": 0.7, "torn": 0.05}, AMBER, "may be wrong"),
         ({"torn": 0.3}, RED, "tears apart 30%"),
         ({"silent": 0.02}, AMBER, "receives almost nothing"),
-        ({"certainty": 0.9979, "doubtful": 0.176}, GREEN, "(over 99% certain). It may be off by a little on the 18%"),
+        (
+            {"certainty": 0.9979, "doubtful": 0.176},
+            GREEN,
+            "(over 99% certain). It may be slightly off on the doubtful 18%",
+        ),
         ({"doubtful": 0.004}, GREEN, "(99% certain)."),
         ({"doubtful": 0.6}, AMBER, "60% of the target is doubtful"),
         ({"alone": 0.05}, GREEN, "certain"),
         ({"mirrored": True}, AMBER, "mirror image"),
         ({"certainty": 0.76, "unplaced": 0.235}, AMBER, "24% of the target has no certain place"),
         ({"certainty": 0.6, "unplaced": 0.235}, AMBER, "may be wrong"),
-        ({"alone": 0.4}, AMBER, "no counterpart"),
+        ({"alone": 0.4}, AMBER, "no partner"),
     ],
 )
 def test_the_worst_of_what_is_known_decides(changed: dict[str, Any], level: str, reason: str) -> None:

@@ -42,7 +42,7 @@ def test_sums_are_of_keys_that_their_convention_has() -> None:
                 assert set(cell.sums[0]) <= set(zo.key_names(convention)) or convention == "arkit", cell
 
 
-def test_sides_have_their_counterparts() -> None:
+def test_sides_have_their_partners() -> None:
     """A row that is written for one side only would be an oversight of the table."""
     for left, right in (("Left", "Right"), ("left", "right")):
         for convention in ("arkit", "unified", "makehuman", "vrm1"):

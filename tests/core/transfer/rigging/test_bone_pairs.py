@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Counterparts of bones in another armature."""
+"""Partners of bones in another armature."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ HEADS = np.array([[0, 0, 1.0], [0.2, 0, 1.4], [-0.2, 0, 1.4], [0, 0, 1.6]])
 
 
 def pair(names: list[str], heads: np.ndarray, others: list[str], other_heads: np.ndarray) -> dict[str, str]:
-    """Counterparts of bones without parents."""
+    """Partners of bones without parents."""
     bones, there = (Skeleton(each, np.full(len(each), -1), at) for each, at in ((names, heads), (others, other_heads)))
     return bone_pairs.pair_bones(bones, there, 1.7)
 
@@ -36,7 +36,7 @@ def test_others_are_paired_by_place_if_they_are_mutually_nearest_and_close() -> 
     assert pair([], HEADS[:0], ["w"], HEADS[:1]) == {}
 
 
-def test_parents_of_counterparts_are_counterparts() -> None:
+def test_parents_of_partners_are_partners() -> None:
     heads = HEADS[[0, 0, 0, 1, 2]]
     parents = np.array([-1, 0, 0, 1, 2])
     bones = Skeleton(["root", "pelvis.L", "pelvis.R", "leg.L", "leg.R"], parents, heads)
@@ -45,7 +45,7 @@ def test_parents_of_counterparts_are_counterparts() -> None:
     assert found == dict(zip(bones.names, others.names, strict=True))
 
 
-def test_known_counterparts_come_first() -> None:
+def test_known_partners_come_first() -> None:
     """Such as by humanoid bones, which may contradict the names."""
     heads = np.array([[0, 0, 0], [0, 0, 1.0], [0, 0, 2]])
     parents = np.array([-1, 0, 1])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A target's motion is compared with its source's, in lengths of the legs."""
+"""A target's motion is compared with its source's, in leg lengths."""
 
 from __future__ import annotations
 

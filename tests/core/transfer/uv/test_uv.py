@@ -324,6 +324,20 @@ def test_folds_that_the_source_has_are_no_flips(sides: int) -> None:
     assert not [note for note in notes if "flipped" in note]
 
 
+def test_faces_beside_folds_that_the_source_has_are_no_flips(source: Sheet) -> None:
+    seen_from_aside = np.array([[1, 0], [0, 1], [0.5, 0.3]])
+    projected = (source.surface.vertices @ seen_from_aside)[source.surface.corner_vertex]
+    target = sheet(torus, 97, 61, sides=3)
+
+    def flipped(parameters: np.ndarray) -> int:
+        along = true_map(source, *GRID, parameters)
+        notes = transferred(projected, along, source.surface, target.surface).notes
+        return sum(int(note.split()[1].replace(",", "")) for note in notes if "flipped" in note)
+
+    assert flipped(target.parameters) == 0
+    assert flipped(target.parameters * [1, -1] % 1) > 0.8 * len(target.surface.triangles)
+
+
 def test_collapsed_and_stretched_faces_and_lost_islands_are_reported(source: Sheet) -> None:
     target = sheet(torus, 97, 61, sides=3)
     patch = target.parameters[:, 0] < 0.4

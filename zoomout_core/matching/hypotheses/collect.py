@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Collect the initial hypotheses of a match from all sources: guesses, signs, landmarks, an earlier map."""
+"""Collect the initial hypotheses of a match: from generators, landmarks, positions in space, an earlier map."""
 
 from __future__ import annotations
 
@@ -28,24 +28,24 @@ from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 from zoomout_core.matching.ranking.scores import Disagreement
 from zoomout_core.runtime.threads import for_each
 
-# Makes hypotheses from the two shapes, and from what tells how far a map disagrees with what is known.
-Guess: TypeAlias = Callable[[ShapeAnalysis, ShapeAnalysis, Disagreement], list[Hypothesis]]
+# Makes hypotheses from two shapes and a function that measures how far a map disagrees with the evidence.
+Generator: TypeAlias = Callable[[ShapeAnalysis, ShapeAnalysis, Disagreement], list[Hypothesis]]
 
-# To have another kind of guess tried, add it here.
-GUESSES: tuple[Guess, ...] = (extremity_hypotheses, descriptor_hypotheses)
+# Add another way of making hypotheses here.
+GENERATORS: tuple[Generator, ...] = (extremity_hypotheses, descriptor_hypotheses)
 # Tried if these lead to no likely map.
-MORE_GUESSES: tuple[Guess, ...] = (more_extremity_hypotheses,)
-# Weight of a landmark's functions against those of guessed pairs, which may contradict it.
+MORE_GENERATORS: tuple[Generator, ...] = (more_extremity_hypotheses,)
+# Weight of a landmark's functions against those of hypothetical pairs, which may contradict it.
 LANDMARK_WEIGHT = 2.0
 
 
-def guess(
+def collect_hypotheses(
     pair: Pair,
     initial: Initial,  # option of the match
     evidence: Constraints,
     disagreement: Disagreement,  # with the evidence
     earlier: Hypothesis | None,  # that of a map that the user gave
-    by_landmarks: Hypothesis | None,  # that of the user's landmarks, see `guess_by_landmarks`
+    by_landmarks: Hypothesis | None,  # that of the user's landmarks, see `hypothesis_of_landmarks`
 ) -> list[Hypothesis]:
     """The initial hypotheses of a match."""
     source, target = pair.source_shape, pair.target_shape
@@ -53,7 +53,7 @@ def guess(
         return [earlier]
     if initial == "proximity":
         return [proximity_hypothesis(pair)]
-    hypotheses = _guess(pair, GUESSES, disagreement)
+    hypotheses = _generate(pair, GENERATORS, disagreement)
     if not (has_extremities(source) and has_extremities(target)):
         # They are many, and on 40 pairs of shapes with extremities they added no success.
         hypotheses += sign_hypotheses(source, target)
@@ -69,16 +69,16 @@ def guess(
     return _anchor(hypotheses, anchors)
 
 
-def guess_by_landmarks(pair: Pair, evidence: Constraints) -> Hypothesis | None:
+def hypothesis_of_landmarks(pair: Pair, evidence: Constraints) -> Hypothesis | None:
     """The map that the user's landmarks suggest; None if there are none."""
     if evidence.landmarks is None:
         return None
     return landmark_hypothesis(pair.source_shape, pair.target_shape, *landmarks_on_parts(pair, evidence.landmarks))
 
 
-def guess_more(pair: Pair, evidence: Constraints, disagreement: Disagreement) -> list[Hypothesis]:
-    """More hypotheses, if those of `guess` lead to no likely map."""
-    return _anchor(_guess(pair, MORE_GUESSES, disagreement), evidence.anchors(pair))
+def more_hypotheses(pair: Pair, evidence: Constraints, disagreement: Disagreement) -> list[Hypothesis]:
+    """More hypotheses, if those of `collect_hypotheses` lead to no likely map."""
+    return _anchor(_generate(pair, MORE_GENERATORS, disagreement), evidence.anchors(pair))
 
 
 def gather_evidence(pair: Pair, known: Constraints, earlier: Hypothesis | None) -> Constraints:
@@ -91,9 +91,9 @@ def gather_evidence(pair: Pair, known: Constraints, earlier: Hypothesis | None) 
     return known if places is None else replace(known, in_space=places[target.search.samples])
 
 
-def _guess(pair: Pair, guesses: Sequence[Guess], disagreement: Disagreement) -> list[Hypothesis]:
+def _generate(pair: Pair, generators: Sequence[Generator], disagreement: Disagreement) -> list[Hypothesis]:
     shapes = pair.source_shape, pair.target_shape
-    return list(chain.from_iterable(for_each(lambda make: make(*shapes, disagreement), guesses)))
+    return list(chain.from_iterable(for_each(lambda make: make(*shapes, disagreement), generators)))
 
 
 def _anchor(hypotheses: list[Hypothesis], anchors: Anchors | None) -> list[Hypothesis]:

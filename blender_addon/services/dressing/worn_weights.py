@@ -16,9 +16,9 @@ from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.transfer import Attribute, WeightedBody, follow_weights
 from zoomout_core.transfer.rigging.skinning import renumber_bones
 
-from .. import mesh_data
-from ..mesh_data import ObjectPair, Worn
-from ..scene.pair import evaluated_sources, find_mesh
+from ... import mesh_data
+from ...mesh_data import ObjectPair, Worn
+from ...scene.pair import evaluated_sources, find_mesh
 
 
 class Change(NamedTuple):

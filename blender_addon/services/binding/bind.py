@@ -1,0 +1,237 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Bind a target to the armature of its source: move it to the rest pose, and bind it like the source.
+
+The armature and its animation are not changed. For a target of another build, a copy of the armature is moved into it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from bpy.types import Context, Object
+from scipy.sparse import csr_array
+
+import zoomout_core as zo
+from zoomout_core.arrays import Booleans, Floats
+from zoomout_core.messages import Message, message, warning
+from zoomout_core.runtime.progress import portion, stage
+from zoomout_core.transfer import map_target
+from zoomout_core.transfer.rigging.poses import distinct_poses, extreme_poses, poses_about
+from zoomout_core.transfer.rigging.rest_pose import PosedTarget, align, find_pose
+from zoomout_core.transfer.rigging.rig import follow_longer_bones, joints_of_bones
+from zoomout_core.transfer.rigging.skinning import skinning_matrices
+from zoomout_core.transfer.rigging.stretch import check_weights
+from zoomout_core.transfer.rigging.unpose import Rest, unpose
+
+from ... import mesh_data
+from ...adapters import Binding, TransferJob
+from ...adapters.vertex_groups import WeightAdapter
+from ...jobs import compute
+from ...mesh_data import RigBones
+from ...mesh_data.matrices import transform_points
+from ...scene.pair import find_mesh
+from ...storage import stored_match
+from .check import check_keys_of_posed
+from .read import Rigged, read_rigged, weights_of_target
+
+# Name of the shape key with the target's original shape.
+POSED_SHAPE = "Posed Shape"
+# Fractions of the progress at which weights are transferred, the target is moved to rest, and the rig is moved and
+# played.
+READING, TAKING, CHECKING, MOVED = 0.6, 0.7, 0.8, 0.9
+
+
+@dataclass(frozen=True, eq=False)
+class Bound:
+    """A target, ready to be bound.
+
+    Attributes:
+        shape: "rest_pose" or "keep_shape".
+        seen: (n_t, 3) its present positions, in world space.
+        rest: its rest pose.
+        notes: sentences for the user.
+        stretched: (n_t,) vertices at edges that stretch too far when the bones turn.
+        rig: the bones of a copy of the armature; None to bind it to the armature itself.
+    """
+
+    shape: str
+    seen: Floats
+    rest: Rest
+    notes: tuple[str, ...]
+    stretched: Booleans
+    rig: MovedRig | None
+
+
+@dataclass(frozen=True, eq=False)
+class MovedRig:
+    """An armature, moved into a target.
+
+    Attributes:
+        armature: its name.
+        bones: its bones in their new places, in world space.
+        motion: (4, 4) the similarity from the place of the source to that of the target.
+    """
+
+    armature: str
+    bones: RigBones
+    motion: Floats
+
+
+async def prepare_binding(context: Context, job: TransferJob, weights: WeightAdapter, binding: Binding) -> Bound:
+    """Find the pose of a target, transfer weights from the source at rest, and move the target to rest.
+
+    Args:
+        context: Blender's.
+        job: the transfer.
+        weights: the source's vertex groups, which are transferred.
+        binding: how to bind the target.
+
+    Raises:
+        MeshError: the target cannot be bound; nothing was written.
+    """
+    pair = job.pair
+    check_keys_of_posed(find_mesh(context, pair.target_name), pair.target.vertices)
+    rigged = read_rigged(context, pair)
+    posed = await compute(partial(_pose, job, rigged, weights))
+    own = weights_of_target(context, pair, rigged.bones, weights.weights)
+    keeps_shape = binding.shape == "keep_shape" or (binding.shape == "automatic" and posed.pose.is_rest)
+    notes = []
+    if keeps_shape:
+        rest = align(pair.target, posed.pose)
+    else:
+        with stage("Unposing", TAKING, CHECKING):
+            rest = await compute(partial(_at_rest, pair.target, posed, own, rigged))
+        notes.append(
+            message(
+                "'{target}' was in a different pose, with its bones rotated by {angle:.0f}° on average, "
+                "and was moved to Rest Position. Its shape key '{key}' keeps the original shape.",
+                target=pair.target_name,
+                angle=posed.pose.bend,
+                key=POSED_SHAPE,
+            )
+        )
+    if rest.smoothed:
+        notes.append(
+            message(
+                "Rest pose: {count:,} vertices were moved with their neighbors, to avoid tears.", count=rest.smoothed
+            )
+        )
+    moved, rig = rigged.bones.heads, None
+    if binding.move_rig:
+        (armature,) = mesh_data.armatures_of(find_mesh(context, pair.source_name))
+        bones, name = mesh_data.read_rig_bones(armature), armature.name
+        notes += _note_on_constraints(armature)
+        with stage("Moving the rig", CHECKING, MOVED):
+            at_rest = pair.target.with_vertices(rest.positions)
+            bones = await compute(partial(_move_bones, bones, posed, rigged.rest, at_rest))
+        moved = bones.heads[[bones.names.index(each) for each in rigged.bones.names]]
+    with stage("Playing the rig", MOVED, 1):
+        stretched, of_check = await compute(partial(_check_weights, job, posed, rigged, rest, own, weights, moved))
+    if binding.move_rig:
+        motion = _motion(posed, pair.target, rest)
+        rig = MovedRig(name, _move_as_a_whole(bones, motion), motion)
+        rest = Rest(transform_points(motion, rest.positions), motion[:3, :3] @ rest.linear, rest.smoothed)
+    shape = "keep_shape" if keeps_shape else "rest_pose"
+    return Bound(shape, pair.target.vertices, rest, (*notes, *of_check), stretched, rig)
+
+
+def _pose(job: TransferJob, rigged: Rigged, weights: WeightAdapter) -> PosedTarget:
+    """The pose of a target; the weights are transferred along the map to the source in that pose."""
+    mapped = map_target(job.match, job.pair.source, job.pair.target, job.settings.fill_below)
+    with stage("Finding the pose", 0, READING):
+        posed = find_pose(mapped, rigged.rest, rigged.weights, rigged.bones.parents)
+    if posed.mapped.surface_map is not mapped.surface_map:
+        in_pose = stored_match.StoredMatch(
+            posed.mapped.surface_map, posed.mapped.confidence, (), has_partner=job.match.has_partner
+        )
+        job = job.along(in_pose)
+    with portion(READING, TAKING):
+        weights.transfer(job)
+    return posed
+
+
+def _at_rest(target: zo.Surface, posed: PosedTarget, weights: csr_array, rigged: Rigged) -> Rest:
+    """The rest pose of the target."""
+    transforms = posed.pose.transforms
+    matrices = skinning_matrices(transforms, weights, preserve_volume=rigged.preserves_volume)
+    return unpose(target, matrices, posed.pose.scale, posed.mapped.confidence)
+
+
+def _move_bones(bones: RigBones, posed: PosedTarget, rest: zo.Surface, target: zo.Surface) -> RigBones:
+    """The bones of a rig in the target at rest, at the place and size of the source at rest."""
+    joints, parents = joints_of_bones(bones.heads, bones.tails, bones.parents)
+    moved = zo.move_rig(posed.mapped, rest, target, joints, parents)
+    heads, tails = np.split(moved.positions, 2)
+    rotations = moved.rotations[: len(heads)]
+    heads, tails, rotations = follow_longer_bones(bones.heads, bones.tails, heads, tails, rotations)
+    upright = np.einsum("bxy,by->bx", rotations, bones.upright)
+    return replace(bones, heads=heads, tails=tails, upright=upright)
+
+
+def _motion(posed: PosedTarget, target: zo.Surface, rest: Rest) -> Floats:
+    """(4, 4) the similarity that takes a target at rest back to its own place and size."""
+    motion = np.eye(4)
+    if not np.array_equal(rest.positions, target.vertices):
+        motion[:3, :3], motion[:3, 3] = posed.pose.common.linear, posed.pose.common.translation
+    return motion
+
+
+def _move_as_a_whole(bones: RigBones, motion: Floats) -> RigBones:
+    heads, tails = (transform_points(motion, each) for each in (bones.heads, bones.tails))
+    return replace(bones, heads=heads, tails=tails, upright=bones.upright @ motion[:3, :3].T)
+
+
+def _note_on_constraints(armature: Object) -> list[Message]:
+    """A warning about constraints that depend on the rest position of the original."""
+    names = mesh_data.child_of_constraints(armature)
+    if not names:
+        return []
+    return [
+        warning(
+            "Child Of constraints of {count} bones have an inverse of the old rest position, such as that of '{bone}': "
+            "set it again on the copy.",
+            count=len(names),
+            bone=names[0],
+        )
+    ]
+
+
+def _check_weights(
+    job: TransferJob,
+    posed: PosedTarget,
+    rigged: Rigged,
+    rest: Rest,
+    own: csr_array,
+    weights: WeightAdapter,
+    moved: Floats,
+) -> tuple[Booleans, tuple[str, ...]]:
+    """Turn the bones to extremes, play their animation, and smooth weights that would tear the target.
+
+    The bones of the target turn about other heads (b, 3) if they are moved.
+
+    Returns:
+        (n_t,) vertices that stretch too far still, and sentences for the user.
+    """
+    target, bones = job.pair.target.with_vertices(rest.positions), rigged.bones
+    poses = np.concatenate([extreme_poses(bones.heads, bones.parents), distinct_poses(rigged.poses, bones.heads)])
+    of_target = poses_about(poses, bones.heads, moved, bones.parents)
+    checked = check_weights(rigged.rest, rigged.weights, target, own, posed.mapped.surface_map, poses, of_target)
+    notes = []
+    if checked.smoothed.any():
+        weights.smooth(target, checked.smoothed, job.settings.limit)
+        notes.append(
+            message(
+                "The weights of {count:,} vertices would have torn the mesh when bones turn: they were smoothed.",
+                count=int(checked.smoothed.sum()),
+            )
+        )
+    if checked.stretched.any():
+        notes.append(
+            warning(
+                "{count:,} vertices stretch far more than on the source when bones turn: Select Stretched shows them.",
+                count=int(checked.stretched.sum()),
+            )
+        )
+    return checked.stretched, tuple(notes)

@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Write a binding to the scene, and read it from reports of transfers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from typing import Any
+
+from bpy.types import Context
+
+from zoomout_core.messages import Message, warning
+
+from ... import mesh_data
+from ...mesh_data import ObjectPair
+from ...scene.pair import find_mesh, fingerprint_target
+from ...storage import stored_match
+from .bind import POSED_SHAPE, Bound
+
+
+def write_bound(context: Context, pair: ObjectPair, bound: Bound) -> list[Message]:
+    """Bind the target, in `writing`, after its vertex groups were written; returns sentences for the user."""
+    source, target = find_mesh(context, pair.source_name), find_mesh(context, pair.target_name)
+    place, armature = mesh_data.place_beside(source, target), None
+    if bound.rig is not None:
+        place, original = bound.rig.motion @ place, context.scene.objects[bound.rig.armature]
+        armature = mesh_data.copy_rig(context, original, target, bound.rig.bones, bound.rig.motion)
+    mesh_data.unbind(target)
+    mesh_data.reshape(target, bound.seen, bound.rest.positions, bound.rest.linear, place)
+    mesh_data.bind_like(source, target)
+    if armature is not None:
+        mesh_data.bind_to_other(target, original, armature, {}, place)
+    context.view_layer.update()
+    if bound.shape == "rest_pose":
+        mesh_data.write_shape(target, POSED_SHAPE, mesh_data.positions_in_object(target, bound.seen))
+    return [] if armature is None else _note_on_bends(mesh_data.bends_at_rest(original, armature))
+
+
+def _note_on_bends(turned: Mapping[str, float]) -> list[Message]:
+    """A warning about bones that do not fit the constraints of a moved rig."""
+    if not turned:
+        return []
+    worst = max(turned, key=lambda name: turned[name])
+    return [
+        warning(
+            "At rest, constraints turn {count} deforming bones of the copy, '{bone}' by {angle:.0f}°: move control "
+            "bones that no longer fit in Edit Mode.",
+            count=len(turned),
+            bone=worst,
+            angle=turned[worst],
+        )
+    ]
+
+
+def is_at_source(report: Mapping[str, Any]) -> bool:
+    """Whether a transfer bound the target, and moved it to the place of its source."""
+    return bool(report["bound"]) and "moved" not in report["bound"]
+
+
+def hide_sources(context: Context, reports: Iterable[Mapping[str, Any]]) -> None:
+    """Hide the sources of targets that were bound at their place.
+
+    Args:
+        context: Blender's.
+        reports: reports of transfers.
+    """
+    for report in reports:
+        for name in (report["source"], *report["others"]) if is_at_source(report) else ():
+            find_mesh(context, name).hide_set(True)
+
+
+def keep_match(context: Context, pair: ObjectPair, match: stored_match.Match, settings: Mapping[str, Any]) -> None:
+    """Store the match again for the reshaped mesh."""
+    target = find_mesh(context, pair.target_name)
+    now = replace(pair, target_fingerprint=fingerprint_target(context, target.name))
+    stored_match.write(target.data, match, now, settings)

@@ -1,0 +1,169 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Dress a target with copies of its source's clothes, hair, eyes and props, fitted along their match."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from functools import partial
+from typing import Any
+
+from bpy.types import Context, Object
+
+from zoomout_core.arrays import Floats
+from zoomout_core.messages import message, sentences
+from zoomout_core.runtime.progress import portion, stage
+from zoomout_core.transfer import carry
+
+from ... import mesh_data
+from ...jobs import compute, pause, run
+from ...mesh_data import ObjectPair, Worn
+from ...scene.pair import check_not_edited, find_mesh
+from ...scene.stored_pair import stored_pair
+from ...storage import stored_match
+from ..constraints import check_options
+from ..matching.candidates import store_match
+from ..matching.made_match import CALL_WITH_FORCE, is_probably_wrong, make_match, store_and_stop
+from ..targets import Write
+from .fit import fit_worn, notes_on_stretch
+from .read import READING, Dressing, check_unchanged, read_fitting, read_worn_object
+from .write import write_copies
+
+# Fraction of the progress for a new match.
+MATCHING = 0.6
+
+
+def dress(
+    context: Context,
+    source: Object,
+    target: Object,
+    accessories: Iterable[Object],
+    dressing: Dressing | None = None,
+    **match_options: Any,
+) -> dict[str, Any]:
+    """Dress a target with copies of a source's accessories, fitted to its body along their match or a new one.
+
+    If both are bound to one armature, they are fitted in its rest pose, and the copies are bound to it as well. If the
+    target has an armature of its own, they are bound to that, which receives the outfit's own bones. Else the copies
+    are children of the target in its present pose, and follow when it is bound to the source's armature.
+    Earlier copies of the same objects are replaced; the objects themselves are not changed.
+
+    Args:
+        context: Blender's; all objects are in its scene.
+        source: the body that wears the accessories.
+        target: the body to dress; it is matched if necessary.
+        accessories: meshes, and hair curves.
+        dressing: how to dress the target.
+        match_options: options of `match_objects`, for a new match; with `force=True` it is used even if it is
+            probably wrong.
+
+    Returns:
+        A report: `source` and `target` are names, `objects` has the names of the copies by those of the objects,
+        `left_out` has reasons for objects without copies, `verdict` is that of the match, or None, `notes` are
+        sentences.
+
+    Raises:
+        MeshError: none of the objects can be copied; nothing was written.
+        TypeError: an option of the match is unknown.
+    """
+    names = [obj.name for obj in accessories]
+    return run(prepare_dress(context, source.name, target.name, names, dressing or Dressing(), **match_options))()
+
+
+async def prepare_dress(
+    context: Context,
+    source_name: str,
+    target_name: str,
+    things: Sequence[str],
+    dressing: Dressing,
+    adjusted: bool = False,
+    force: bool = False,
+    remedy: str = CALL_WITH_FORCE,
+    **match_options: Any,
+) -> Write[dict[str, Any]]:
+    """`dress` as a coroutine that keeps no Blender data across an `await`; returns a function that writes.
+
+    Args:
+        context: Blender's; the objects are in its scene.
+        source_name: name of the source.
+        target_name: name of the target.
+        things: names of the worn objects.
+        dressing: how to dress the target.
+        adjusted: whether this repeats the last operation with other settings, and may reuse its undone match.
+        force: whether to use a new match that is probably wrong; else only the match is stored.
+        remedy: a sentence for the refusal of such a match: how to use it anyway.
+        match_options: options of `match_objects`.
+    """
+    check_options(match_options)
+    pair = await stored_pair(context, source_name, target_name)
+    left_out: dict[str, str] = {}
+    fitting = await read_fitting(context, pair, things, dressing, left_out)
+    stored = stored_match.read(find_mesh(context, target_name).data, pair)
+    match: stored_match.Match
+    begin = 0.0
+    if stored is None:
+        begin = MATCHING
+        with portion(0, begin):
+            match, made_with = await make_match(context, pair, adjusted, match_options)
+        if not adjusted and not force and is_probably_wrong(match):
+            return partial(store_and_stop, context, pair, match, made_with, remedy)
+    else:
+        match, made_with = stored, stored.settings
+    with portion(begin, 1):
+        fit = await compute(partial(fit_worn, match, fitting, dressing))
+
+    def write() -> dict[str, Any]:
+        check_not_edited(context, pair)
+        check_unchanged(context, fitting.worn)
+        with mesh_data.all_or_nothing(find_mesh(context, target_name)) as writing:
+            if stored is None:
+                store_match(find_mesh(context, target_name).data, match, pair, made_with)
+            made, notes = write_copies(context, pair, fitting, fit, writing)
+        return {
+            "source": source_name,
+            "target": target_name,
+            "objects": made,
+            "left_out": left_out,
+            "verdict": stored_match.pack_verdict(match),
+            "notes": [*fit.dressed.notes, *notes_on_stretch(fitting.worn, fit.dressed), *fitting.notes, *notes],
+        }
+
+    return write
+
+
+async def take_to_rest(context: Context, pair: ObjectPair, at_rest: Floats) -> Write[None]:
+    """Fit copies that a target wears to its rest pose; returns a function that binds them like their originals.
+
+    Args:
+        context: Blender's.
+        pair: the pair whose target is bound.
+        at_rest: (n_t, 3) the rest positions of its vertices, in world space.
+    """
+    target, worn = find_mesh(context, pair.target_name), list[Worn]()
+    with stage(READING, 0, 0):
+        for copy in mesh_data.worn_copies(target):
+            await pause()
+            worn.append(read_worn_object(context, copy.name, False, mesh_data.kept_group(copy)))
+    if not worn:
+        return lambda: None
+    skin, shapes = pair.target.with_vertices(at_rest), [each.shape for each in worn]
+    dressed = await compute(partial(carry, pair.target, at_rest, skin, shapes, keep=[each.mask for each in worn]))
+
+    def write() -> None:
+        check_unchanged(context, worn)
+        wearer = find_mesh(context, pair.target_name)
+        with mesh_data.all_or_nothing(*(context.scene.objects[each.name] for each in worn)):
+            for each, positions, turns in zip(worn, dressed.vertices, dressed.turns, strict=True):
+                mesh_data.bind_worn_copy(context, each, positions, turns, wearer)
+
+    return write
+
+
+def summary(report: dict[str, Any]) -> str:
+    """The report in one sentence."""
+    done = message(
+        "Dressed '{target}' with {count} objects of '{source}'.",
+        target=report["target"],
+        count=len(report["objects"]),
+        source=report["source"],
+    )
+    return sentences(done, *report["left_out"].values(), *report["notes"])

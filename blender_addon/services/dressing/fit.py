@@ -1,0 +1,152 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Fit what a source wears to a target: shapes, bones, weights and keys, as arrays without Blender."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+import zoomout_core as zo
+from zoomout_core.arrays import Booleans, Floats
+from zoomout_core.geometry.procrustes import procrustes
+from zoomout_core.messages import Message, warning
+from zoomout_core.runtime.progress import portion
+from zoomout_core.transfer import Dressed, Manner, Skeleton, carry, pair_bones, shape_of_source
+
+from ...mesh_data import BodyKeys, OutfitBones, Worn
+from ...storage import stored_match
+from .read import Dressing, Fitting, Rigs
+from .worn_weights import Change, GroupWeights, follow_groups
+
+# Fractions of the progress for giving the source the target's shape, and for fitting, before objects follow keys.
+SHAPING, FITTED = 0.8, 0.9
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """The fitted objects.
+
+    Attributes:
+        dressed: their shapes.
+        moved: (4, 4) the motion of the body, as a similarity.
+        keys: (n, keys, 3) offsets of each object that follow the target's keys; zero for those without shape keys.
+        outfit: the outfit's own bones in their new places, if they are to be copied.
+        pairs: names of the target's bones by those of the source's.
+        weights: how the weights of each copy change; None where they stay.
+    """
+
+    dressed: Dressed
+    moved: Floats
+    keys: list[Floats]
+    outfit: OutfitBones | None = None
+    pairs: dict[str, str] = field(default_factory=dict)
+    weights: list[Change | None] = field(default_factory=list)
+
+
+def fit_worn(match: stored_match.Match, fitting: Fitting, dressing: Dressing) -> Fit:
+    """Fit the worn objects, and let them follow the target's keys."""
+    with portion(0, SHAPING):
+        shape = shape_of_source(match, fitting.source, fitting.target)
+    body, shape = _part(fitting.source, shape, fitting.is_body)
+    manners: list[Manner] = [
+        "rigid" if each.hangs_from_bone and dressing.manner == "automatic" else dressing.manner for each in fitting.worn
+    ]
+    with portion(SHAPING, FITTED):
+        dressed = carry(
+            body,
+            shape,
+            fitting.target,
+            [each.shape for each in fitting.worn],
+            manners=manners,
+            keep=[each.mask for each in fitting.worn],
+            stiffness=dressing.stiffness,
+            gap=dressing.gap,
+        )
+    motion, moved = procrustes(body.vertices, shape), np.eye(4)
+    moved[:3, :3], moved[:3, 3] = motion.linear, motion.translation
+    fit = Fit(dressed, moved, [])
+    if fitting.rigs is not None and fitting.weights is not None:
+        fit = _move_bones(fit, fitting, fitting.rigs, body, shape)
+        fit = _follow_weights(fit, fitting, fitting.rigs, fitting.weights, body)
+    if fitting.keys is None:
+        return fit
+    with portion(FITTED, 1):
+        keys = _follow_keys(fitting, fitting.keys, dressed)
+    if not fitting.worn[0].at_rest:  # then the target's keys have their present values
+        still = [np.einsum("nkx,k->nx", each, fitting.keys.values) for each in keys]
+        vertices = tuple(points - off for points, off in zip(dressed.vertices, still, strict=True))
+        dressed = replace(dressed, vertices=vertices)
+    return replace(fit, dressed=dressed, keys=keys)
+
+
+def _move_bones(fit: Fit, fitting: Fitting, rigs: Rigs, body: zo.Surface, shape: Floats) -> Fit:
+    """Move the outfit's own bones along with the objects, and find the partners of all others."""
+    outfit = rigs.outfit
+    ends, upright = outfit.ends.copy(), outfit.upright.copy()
+    for number, worn in enumerate(fitting.worn):
+        own = np.flatnonzero([name == worn.name for name in outfit.wearer])
+        joints = zo.move_joints(worn.shape, fit.dressed.vertices[number], outfit.ends[own].reshape(-1, 3))
+        ends[own] = joints.positions.reshape(-1, 2, 3)
+        upright[own] = np.einsum("bxy,by->bx", joints.rotations[::2], outfit.upright[own])
+    size = float(np.ptp(fitting.target.vertices, axis=0).max())
+    heads = zo.move_joints(body, shape, rigs.body.heads).positions
+    bones = Skeleton(rigs.body.names, rigs.body.parents, heads)
+    pairs = pair_bones(bones, Skeleton(rigs.others.names, rigs.others.parents, rigs.others.heads), size)
+    return replace(fit, outfit=replace(outfit, ends=ends, upright=upright), pairs=pairs)
+
+
+def _follow_weights(fit: Fit, fitting: Fitting, rigs: Rigs, weights: GroupWeights, body: zo.Surface) -> Fit:
+    """Change the weights of the copies as those of the body below them change."""
+    whole = len(body.vertices) == len(fitting.source.vertices)
+    changes = follow_groups(
+        weights,
+        {name: fit.pairs.get(name, name) for name in rigs.body.names},
+        rigs.outfit.names,
+        rigs.others.names,
+        (body, np.ones_like(fitting.is_body) if whole else fitting.is_body),
+        fitting.target,
+        fitting.worn,
+        fit.dressed.vertices,
+    )
+    return replace(fit, weights=changes)
+
+
+def _follow_keys(fitting: Fitting, keys: BodyKeys, dressed: Dressed) -> list[Floats]:
+    """(n, keys, 3) offsets of each fitted object that follow the target's keys, zero without shape keys."""
+    offsets = [np.zeros((len(points), len(keys.keys), 3)) for points in dressed.vertices]
+    taking = [number for number, worn in enumerate(fitting.worn) if worn.takes_keys]
+    shapes = [_in_shape(fitting.worn[number].shape, dressed.vertices[number]) for number in taking]
+    masks = [fitting.worn[number].mask for number in taking]
+    followed = zo.follow_keys(fitting.target, keys.offsets, shapes, keep=masks)
+    for number, found in zip(taking, followed, strict=True):
+        offsets[number] = found
+    return offsets
+
+
+def _in_shape(shape: zo.Surface | zo.Lines, vertices: Floats) -> zo.Surface | zo.Lines:
+    """The same object with other vertices (n, 3)."""
+    return zo.Lines(vertices, shape.edges) if isinstance(shape, zo.Lines) else shape.with_vertices(vertices)
+
+
+def _part(surface: zo.Surface, shape: Floats, kept: Booleans) -> tuple[zo.Surface, Floats]:
+    """The part of a surface with vertices `kept` (n,), if it has triangles, and its vertices in the new shape."""
+    triangles = surface.triangles[kept[surface.triangles].all(axis=1)]
+    if kept.all() or not len(triangles):
+        return surface, shape
+    number = np.cumsum(kept) - 1
+    return zo.Surface(surface.vertices[kept], number[triangles]), shape[kept]
+
+
+def notes_on_stretch(worn: Sequence[Worn], dressed: Dressed) -> list[Message]:
+    """A sentence for each copy that is stretched somewhere."""
+    return [
+        warning(
+            "{count:,} vertices of '{name}' are stretched far more than the body, as where limbs touch: check these.",
+            count=int(stretched.sum()),
+            name=each.name,
+        )
+        for each, stretched in zip(worn, dressed.stretched, strict=True)
+        if stretched.any()
+    ]

@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Add the fitted copies to the scene, and bind them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from bpy.types import Context, Object
+
+from zoomout_core.messages import Message, message, warning
+
+from ... import mesh_data
+from ...mesh_data import ObjectPair, OutfitBones
+from ...scene.pair import find_mesh
+from .fit import Fit
+from .read import Fitting, Rigs
+
+
+def write_copies(
+    context: Context,
+    pair: ObjectPair,
+    fitting: Fitting,
+    fit: Fit,
+    writing: mesh_data.Writing,
+) -> tuple[dict[str, str], list[str]]:
+    """Add the copies; returns their names by those of the originals, and notes."""
+    target = find_mesh(context, pair.target_name)
+    bodies = [find_mesh(context, name) for name in pair.source_names]
+    collection = mesh_data.collection_beside(context, target, mesh_data.dress_name(target.name))
+    made, notes = {}, []
+    for number, worn in enumerate(fitting.worn):
+        positions, turns = fit.dressed.vertices[number], fit.dressed.turns[number]
+        obj = context.scene.objects[worn.name]
+        for earlier in mesh_data.worn_copies_in(collection, worn.name):
+            writing.replace(earlier, earlier.data)
+        copy, more = mesh_data.add_worn_copy(worn, obj, positions, turns, target, bodies, collection, fit.moved)
+        if copy.type == "CURVES":
+            mesh_data.attach_strands(copy, target, fitting.target, positions)
+        elif fitting.keys is not None:
+            keys = fitting.keys.keys
+            mesh_data.write_body_keys(copy, target, keys, fit.keys[number], worn.place(fit.moved))
+        if fitting.rigs is not None:
+            source_rig, target_rig = (
+                context.scene.objects[name] for name in (fitting.rigs.source, fitting.rigs.target)
+            )
+            mesh_data.bind_to_other(copy, source_rig, target_rig, fit.pairs, worn.place(fit.moved))
+            change = fit.weights[number]
+            if change is not None:
+                mesh_data.update_weights(copy, *change)
+        made[worn.name] = copy.name
+        notes.extend(more)
+    context.view_layer.update()
+    if fitting.rigs is not None and fit.outfit is not None:
+        mesh_data.add_outfit_bones(context, *_armatures(context, fitting.rigs), fit.outfit, fit.pairs)
+        notes.extend(_notes_on_bones(fit.outfit, fit.pairs, fitting.rigs.target))
+    return made, notes
+
+
+def _armatures(context: Context, rigs: Rigs) -> tuple[Object, Object]:
+    """The source's and the target's armature."""
+    return context.scene.objects[rigs.source], context.scene.objects[rigs.target]
+
+
+def _notes_on_bones(outfit: OutfitBones, pairs: dict[str, str], armature: str) -> Iterator[Message]:
+    """Sentences on the armature that the copies were bound to."""
+    yield message(
+        "The objects are bound to '{armature}', to which {count} bones of their own were added.",
+        armature=armature,
+        count=len(outfit.names),
+    )
+    missing = [name for name in outfit.of_body if name not in pairs]
+    if missing:
+        yield warning(
+            "{count} bones that move the objects have no partner in '{armature}', such as '{bone}': assign their "
+            "weights to other bones.",
+            count=len(missing),
+            armature=armature,
+            bone=missing[0],
+        )
