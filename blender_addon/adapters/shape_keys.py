@@ -15,6 +15,7 @@ from zoomout_core.arrays import Floats
 from zoomout_core.messages import message
 from zoomout_core.runtime.progress import stage
 from zoomout_core.transfer import Attribute
+from zoomout_core.transfer.rigging.unpose import Rest
 
 from .. import mesh_data
 from ..mesh_data import ShapeKey, ShapeKeys
@@ -54,6 +55,20 @@ class ShapeKeyAdapter:
         target = job.pair.target.with_vertices(self.target_rest)
         carried = job.transfer(self.offsets, message("shape keys"), source, target)
         self.offsets = job.keep_values(carried, self.present)
+
+    def transfer_to_rest(self, job: TransferJob, rest: Rest) -> None:
+        """Transfer to a target that is moved to rest, in place of its present pose.
+
+        Offsets that are first rotated into that pose, and back by the inverse of skinning, are off where bones bend.
+        """
+        off = self.target_rest - job.pair.target.vertices  # where keys of its own displace it
+        self.target_rest = rest.positions + np.einsum("nxy,ny->nx", rest.linear, off)
+        self.present = replace(self.present, values=np.einsum("nxy,nky->nkx", rest.linear, self.present.values))
+        self.transfer(job)
+
+    def turn(self, linear: Floats) -> None:
+        """Turn and scale the transferred keys by a matrix (3, 3)."""
+        self.offsets = replace(self.offsets, values=self.offsets.values @ linear.T)
 
     def write(self, target: Object) -> None:
         mesh_data.write_shape_keys(target, self.keys, mesh_data.to_object(target, self.offsets.values))
