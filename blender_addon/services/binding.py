@@ -375,6 +375,9 @@ def write_bound(context: Context, pair: ObjectPair, bound: Bound) -> list[Messag
     mesh_data.bind_like(source, target)
     if armature is not None:
         mesh_data.bind_to_other(target, original, armature, {}, place)
+        if target.data.shape_keys is not None:  # keys that were transferred before
+            read = mesh_data.Counterparts(mesh_data.counterpart_armatures(original, armature))
+            mesh_data.redirect_drivers(target.data.shape_keys, read)
     context.view_layer.update()
     return [] if armature is None else _note_on_bends(mesh_data.bends_at_rest(original, armature))
 

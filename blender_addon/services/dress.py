@@ -14,11 +14,12 @@ from bpy.types import Context, Object
 import zoomout_core as zo
 from zoomout_core.arrays import Floats
 from zoomout_core.geometry.procrustes import procrustes
-from zoomout_core.messages import message, sentences, warning
+from zoomout_core.messages import Message, message, sentences, warning
 from zoomout_core.runtime.progress import portion, stage
 from zoomout_core.transfer import Dressed, Manner, Skeleton, carry, pair_bones, shape_of_source
 
 from .. import mesh_data
+from ..adapters.key_drivers import notes_on_drivers
 from ..jobs import compute, pause, run
 from ..mesh_data import BodyKeys, ObjectPair, OutfitBones, Worn
 from ..scene.pair import check_not_edited, edit_error, find_mesh
@@ -511,7 +512,30 @@ def _write(
     if fitting.rigs is not None and fit.outfit is not None:
         mesh_data.add_outfit_bones(context, *_armatures(context, fitting.rigs), fit.outfit, fit.pairs)
         notes.extend(_notes_on_bones(fit.outfit, fit.pairs, fitting.rigs.target))
+    for name, copy in made.items():
+        notes.extend(_redirect_drivers(context, name, copy, target, bodies, fitting, fit))
     return made, notes
+
+
+def _redirect_drivers(
+    context: Context, original: str, made: str, target: Object, bodies: Sequence[Object], fitting: _Fitting, fit: _Fit
+) -> list[Message]:
+    """Let drivers of a copy's own keys read the target, its keys and its armature; returns notes."""
+    obj, copy = (context.scene.objects[name] for name in (original, made))
+    if copy.type != "MESH" or copy.data.shape_keys is None:
+        return []
+    keys, blocks = target.data.shape_keys, dict[Any, Any]()
+    if keys is not None:
+        blocks |= dict.fromkeys((keys, *(each.data.shape_keys for each in bodies if each.data.shape_keys)), keys)
+    if obj.data.shape_keys is not None:
+        blocks[obj.data.shape_keys] = copy.data.shape_keys
+    blocks |= {part: part for body in bodies for each in mesh_data.armatures_of(body) for part in (each, each.data)}
+    bones, owner = None, target.name
+    if fitting.rigs is not None and fit.outfit is not None:
+        blocks |= mesh_data.counterpart_armatures(*_armatures(context, fitting.rigs))
+        bones, owner = {name: name for name in fit.outfit.names} | fit.pairs, fitting.rigs.target
+    read = mesh_data.Counterparts(blocks, bones, dict.fromkeys(bodies, target) | {obj: copy})
+    return list(notes_on_drivers(mesh_data.redirect_drivers(copy.data.shape_keys, read), owner))
 
 
 def _armatures(context: Context, rigs: _Rigs) -> tuple[Object, Object]:
