@@ -89,7 +89,7 @@ class KeyDrivers:
                 blocks | armatures, self.bones if paired else None, {each: target for each, _ in sources}
             )
             result = mesh_data.redirect_drivers(keys, counterparts, names)
-            self.remarks.add(notes_on_drivers(result, armature or target.name))
+            self.remarks.add(notes_on_drivers(result, target))
             if paired and self.turned:
                 self.remarks.add(
                     [
@@ -111,13 +111,13 @@ class KeyDrivers:
         return of_target[0].name, found | mesh_data.counterpart_armatures(of_source[0], of_target[0])
 
 
-def notes_on_drivers(result: Redirected, owner: str) -> Iterator[Message]:
-    """Sentences on drivers that could not be redirected to an armature, or to an object without one."""
+def notes_on_drivers(result: Redirected, obj: Object) -> Iterator[Message]:
+    """Sentences on drivers of an object's keys that could not be redirected."""
     if result.removed:
         yield warning(
-            "Shape keys without their drivers ({keys}): '{owner}' lacks what these read ({lacking}).",
+            "Shape keys without their drivers ({keys}): '{object}' and its armature lack what these read ({lacking}).",
             keys=", ".join(result.removed),
-            owner=owner,
+            object=obj.name,
             lacking=", ".join(result.lacking),
         )
     if result.outside:

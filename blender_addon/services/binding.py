@@ -29,6 +29,7 @@ from zoomout_core.transfer.rigging.unpose import Rest, unpose
 
 from .. import mesh_data
 from ..adapters import Binding, Settings, TransferJob
+from ..adapters.key_drivers import notes_on_drivers
 from ..adapters.shape_keys import ShapeKeyAdapter
 from ..adapters.vertex_groups import WeightAdapter
 from ..jobs import compute
@@ -370,16 +371,31 @@ def write_bound(context: Context, pair: ObjectPair, bound: Bound) -> list[Messag
     if bound.rig is not None:
         place, original = bound.rig.motion @ place, context.scene.objects[bound.rig.armature]
         armature = mesh_data.copy_rig(context, original, target, bound.rig.bones, bound.rig.motion)
+    read = [*mesh_data.armatures_of(target), *mesh_data.armatures_of(source)]
     mesh_data.unbind(target)
     mesh_data.reshape(target, bound.seen, bound.rest.positions, bound.rest.linear, place)
     mesh_data.bind_like(source, target)
     if armature is not None:
         mesh_data.bind_to_other(target, original, armature, {}, place)
-        if target.data.shape_keys is not None:  # keys that were transferred before
-            read = mesh_data.Counterparts(mesh_data.counterpart_armatures(original, armature))
-            mesh_data.redirect_drivers(target.data.shape_keys, read)
     context.view_layer.update()
-    return [] if armature is None else _note_on_bends(mesh_data.bends_at_rest(original, armature))
+    notes = _redirect_drivers(target, read)
+    return notes if armature is None else notes + _note_on_bends(mesh_data.bends_at_rest(original, armature))
+
+
+def _redirect_drivers(target: Object, read: Iterable[Object]) -> list[Message]:
+    """Let drivers of the keys that a target has already read its armature, where it has what they read of others.
+
+    Args:
+        target: the object, bound.
+        read: armatures that they may read.
+    """
+    if target.data.shape_keys is None:
+        return []
+    own = mesh_data.armatures_of(target)
+    blocks = {part: part for each in own for part in (each, each.data)}
+    others = {block: other for each in read for block, other in mesh_data.counterpart_armatures(each, own[0]).items()}
+    counterparts = mesh_data.Counterparts(blocks, if_present=others)
+    return list(notes_on_drivers(mesh_data.redirect_drivers(target.data.shape_keys, counterparts), target))
 
 
 def write_posed_shape(target: Object, bound: Bound) -> None:

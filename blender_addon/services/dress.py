@@ -530,12 +530,12 @@ def _redirect_drivers(
     if obj.data.shape_keys is not None:
         blocks[obj.data.shape_keys] = copy.data.shape_keys
     blocks |= {part: part for body in bodies for each in mesh_data.armatures_of(body) for part in (each, each.data)}
-    bones, owner = None, target.name
+    bones = None
     if fitting.rigs is not None and fit.outfit is not None:
         blocks |= mesh_data.counterpart_armatures(*_armatures(context, fitting.rigs))
-        bones, owner = {name: name for name in fit.outfit.names} | fit.pairs, fitting.rigs.target
+        bones = {name: name for name in fit.outfit.names} | fit.pairs
     read = mesh_data.Counterparts(blocks, bones, dict.fromkeys(bodies, target) | {obj: copy})
-    return list(notes_on_drivers(mesh_data.redirect_drivers(copy.data.shape_keys, read), owner))
+    return list(notes_on_drivers(mesh_data.redirect_drivers(copy.data.shape_keys, read), copy))
 
 
 def _armatures(context: Context, rigs: _Rigs) -> tuple[Object, Object]:

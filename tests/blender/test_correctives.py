@@ -143,7 +143,8 @@ def test_keys_whose_bones_are_missing_are_named_and_off():
     assert list(drivers_of(target)) == ["Empty"]
     assert value_of(target, "Slid") == 0
     assert notes == [
-        "Shape keys without their drivers (Turned, Slid): 'Own' lacks what these read (Middle, [\"slider\"]).",
+        "Shape keys without their drivers (Turned, Slid): 'Target' and its armature lack what these read "
+        '(Middle, ["slider"]).',
         "Drivers of shape keys still read other objects: 'Control'.",
     ]
 
@@ -170,7 +171,10 @@ def test_a_moved_rig_drives_the_keys_of_its_body(first):
     if first:
         transfer(source, target)
         assert ends_of(target, "Turned")[0].id == armature
-        report = api.move_rig(bpy.context, source, target)
+        own = own_rig(target, {bone: bone for bone in BONES})
+        drive(target, "Own", "ROTATION_DIFF", own, bone_target=("Lower", "Middle"))
+        report = api.move_rig(bpy.context, source, target, api.Binding(replace=True))
+        assert ends_of(target, "Own")[0].id.name == report["bound"]["armature"]
     else:
         report = transfer(source, target, binding=api.Binding(move_rig=True))
     made = bpy.data.objects[report["bound"]["armature"]]
