@@ -464,6 +464,16 @@ def outfits(data: Path, pairs: int | None, json_file: Path | None, pictures: Pat
 
 @main.command()
 @common_options
+@click.option("--pictures", type=click.Path(file_okay=False, path_type=Path), help="Draw each joint here.")
+def correctives(data: Path, pairs: int | None, json_file: Path | None, pictures: Path | None) -> None:
+    """Shape keys that bones drive, on bodies of other builds, poses and rigs, beside copied vectors."""
+    from benchmarks import correctives as correctives_table  # it starts Blender
+
+    report(correctives_table.run(data, pairs, pictures), data, json_file)
+
+
+@main.command()
+@common_options
 def rigs(data: Path, pairs: int | None, json_file: Path | None) -> None:
     """Joints and posed surface of rigs moved to other builds, beside scaling and the surface around each joint."""
     report(rigs_table.run(data, pairs), data, json_file)

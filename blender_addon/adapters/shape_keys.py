@@ -15,10 +15,12 @@ from zoomout_core.arrays import Floats
 from zoomout_core.messages import message
 from zoomout_core.runtime.progress import stage
 from zoomout_core.transfer import Attribute
+from zoomout_core.transfer.rigging.unpose import Rest
 
 from .. import mesh_data
 from ..mesh_data import ShapeKey, ShapeKeys
 from .adapter import Adapter, Remarks, TransferJob, TransferRequest
+from .key_drivers import KeyDrivers, read_key_drivers
 
 
 @dataclass
@@ -28,7 +30,7 @@ class ShapeKeyAdapter:
     Keys move a mesh before it is posed, so they are transferred between both rest shapes, along the match as posed.
 
     Attributes:
-        owners: the sources with shape keys, each with the names of the keys whose drivers it provides.
+        drivers: the drivers of the keys.
         keys: the keys and their settings.
         offsets: displacement of each vertex, in world space.
         source_rest: (n_s, 3) positions at rest, in world space.
@@ -36,7 +38,7 @@ class ShapeKeyAdapter:
         present: displacements of the target's own keys of these names, like `offsets`; zero for keys that it lacks.
     """
 
-    owners: Sequence[tuple[str, Sequence[str]]]
+    drivers: KeyDrivers
     keys: Sequence[ShapeKey]
     offsets: Attribute
     source_rest: Floats
@@ -52,14 +54,27 @@ class ShapeKeyAdapter:
         job.note_replaced(message("shape keys"))
         source = job.pair.source.with_vertices(self.source_rest)
         target = job.pair.target.with_vertices(self.target_rest)
+        self.drivers.pair_bones(job.match, source, target)
         carried = job.transfer(self.offsets, message("shape keys"), source, target)
         self.offsets = job.keep_values(carried, self.present)
 
+    def transfer_to_rest(self, job: TransferJob, rest: Rest) -> None:
+        """Transfer to a target that is moved to rest, in place of its present pose.
+
+        Offsets that are first rotated into that pose, and back by the inverse of skinning, are off where bones bend.
+        """
+        off = self.target_rest - job.pair.target.vertices  # where keys of its own displace it
+        self.target_rest = rest.positions + np.einsum("nxy,ny->nx", rest.linear, off)
+        self.present = replace(self.present, values=np.einsum("nxy,nky->nkx", rest.linear, self.present.values))
+        self.transfer(job)
+
+    def turn(self, linear: Floats) -> None:
+        """Turn and scale the transferred keys by a matrix (3, 3)."""
+        self.offsets = replace(self.offsets, values=self.offsets.values @ linear.T)
+
     def write(self, target: Object) -> None:
         mesh_data.write_shape_keys(target, self.keys, mesh_data.to_object(target, self.offsets.values))
-        for name, keys in self.owners:
-            source = bpy.context.scene.objects[name]
-            mesh_data.write_animation(source.data.shape_keys, target.data.shape_keys, keys)
+        self.drivers.write(target)
 
 
 @dataclass
@@ -134,7 +149,8 @@ def _collect_keys(request: TransferRequest, remarks: Remarks) -> list[Adapter]:
         _note_animation(bpy.context.scene.objects[name], target, remarks)
     target_rest = mesh_data.positions_in_world(target, mesh_data.read_rest_positions(target.data))
     present = _present_offsets(target, joined.offsets.labels)
-    return [ShapeKeyAdapter(owners, joined.keys, joined.offsets, joined.rest, target_rest, present)]
+    drivers = read_key_drivers(request, owners, remarks)
+    return [ShapeKeyAdapter(drivers, joined.keys, joined.offsets, joined.rest, target_rest, present)]
 
 
 def _present_offsets(target: Object, names: Sequence[str]) -> Attribute:

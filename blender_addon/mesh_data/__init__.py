@@ -51,6 +51,7 @@ from .joined import (
     read_joined_uv,
     read_joined_weights,
 )
+from .key_drivers import Counterparts, Redirected, bones_of_drivers, counterpart_armatures, redirect_drivers
 from .layers import (
     HAS_PARTNER,
     MATCH_ATTRIBUTES,
@@ -170,6 +171,7 @@ __all__ = [
     "ActiveLayers",
     "BodyKeys",
     "Bones",
+    "Counterparts",
     "DetailedMesh",
     "EvaluatedObject",
     "Faces",
@@ -185,6 +187,7 @@ __all__ = [
     "MeshFacts",
     "ObjectPair",
     "OutfitBones",
+    "Redirected",
     "RigBones",
     "Role",
     "ShapeKey",
@@ -205,6 +208,7 @@ __all__ = [
     "bind_like",
     "bind_to_other",
     "bind_worn_copy",
+    "bones_of_drivers",
     "can_be_put",
     "check_linkable",
     "child_of_constraints",
@@ -214,6 +218,7 @@ __all__ = [
     "copy_rig",
     "copy_with_images",
     "count_layers",
+    "counterpart_armatures",
     "deforming_bones",
     "directions_in_world",
     "divide",
@@ -289,6 +294,7 @@ __all__ = [
     "read_weights",
     "read_weights_in_pieces",
     "read_worn",
+    "redirect_drivers",
     "remove_link",
     "rename_shape_keys",
     "reshape",

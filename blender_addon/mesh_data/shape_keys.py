@@ -14,7 +14,7 @@ from typing import Any
 
 import bpy
 import numpy as np
-from bpy.types import FCurve, Key, Mesh, Object
+from bpy.types import Key, Mesh, Object
 
 from zoomout_core.arrays import Floats
 from zoomout_core.messages import message
@@ -233,20 +233,17 @@ def write_shape(obj: Object, name: str, shape: Floats) -> None:
 
 
 def write_animation(source: Key, target: Key, names: Sequence[str]) -> None:
-    """Copy the source's drivers of some keys, and its action if the target has none."""
+    """Copy the source's drivers of some keys, which read what they read, and its action if the target has none."""
     animation = source.animation_data
     if animation is None:
         return
     own = target.animation_data_create()
-    for curve in _drivers(source, names):
+    paths = tuple(path_of_key(name) for name in names)
+    for curve in [curve for curve in animation.drivers if curve.data_path.startswith(paths)]:
         present = own.drivers.find(curve.data_path, index=curve.array_index)
         if present is not None:
             own.drivers.remove(present)
-        copied = own.drivers.from_existing(src_driver=curve)
-        for variable in copied.driver.variables:
-            for end in variable.targets:
-                if end.id == source:
-                    end.id = target
+        own.drivers.from_existing(src_driver=curve)
     if animation.action is not None and own.action is None:
         own.action = animation.action.copy()
         slot = getattr(animation, "action_slot", None)  # from Blender 4.4 on
@@ -257,11 +254,6 @@ def write_animation(source: Key, target: Key, names: Sequence[str]) -> None:
 def path_of_key(name: str) -> str:
     """The data path of a key's properties, without their names."""
     return f'key_blocks["{bpy.utils.escape_identifier(name)}"].'
-
-
-def _drivers(key: Key, names: Sequence[str]) -> list[FCurve]:
-    paths = tuple(path_of_key(name) for name in names)
-    return [curve for curve in key.animation_data.drivers if curve.data_path.startswith(paths)]
 
 
 def _following(key: Key, names: Collection[str]) -> dict[str, str]:

@@ -30,6 +30,7 @@ from ..adapters import (
     TransferRequest,
     transfer_all,
 )
+from ..adapters.shape_keys import ShapeKeyAdapter
 from ..adapters.vertex_groups import WeightAdapter
 from ..jobs import compute, pause, run
 from ..mesh_data import ObjectPair
@@ -46,7 +47,7 @@ from ..scene.stored_pair import stored_pair
 from ..storage import stored_match, stored_report
 from .binding.bind import Bound, prepare_binding
 from .binding.check import check_binding
-from .binding.write import hide_sources, is_at_source, keep_match, write_bound
+from .binding.write import hide_sources, is_at_source, keep_match, write_bound, write_posed_shape
 from .constraints import check_options
 from .dressing.dress import take_to_rest
 from .matching.candidates import store_match
@@ -55,6 +56,9 @@ from .targets import Write
 
 # Fraction of the progress for a new match.
 MATCHING = 0.8
+# Kinds that are written once a target is bound: keys belong to its rest pose and to its armature, and the source's
+# shape to the place of the source.
+AT_REST = ("shape_keys", "shape")
 
 
 def transfer_objects(
@@ -212,8 +216,10 @@ async def prepare_transfer(
     stored = stored_match.read(find_mesh(context, target_name).data, pair)
     adapters, remarks, blend = await _collect(context, pair, data, settings)
     # Those of a bound target are transferred once its pose is known.
-    weights = [one for one in adapters if binding is not None and isinstance(one, WeightAdapter)]
-    if binding is not None and not weights:
+    bound_later = [one for one in adapters if binding is not None and one.kind in ("vertex_groups", "shape_keys")]
+    weights = next((one for one in bound_later if isinstance(one, WeightAdapter)), None)
+    keys = next((one for one in bound_later if isinstance(one, ShapeKeyAdapter)), None)
+    if binding is not None and weights is None:
         raise zo.MeshError("All bone vertex groups of '{target}' are locked: unlock them.", target=target_name)
     match: stored_match.Match
     if stored is None:
@@ -228,10 +234,10 @@ async def prepare_transfer(
     begun, bound = MATCHING if stored is None else 0.0, None
     done = 1.0 if binding is None else (1 + begun) / 2
     with portion(begun, done):
-        await compute(partial(transfer_all, [one for one in adapters if one not in weights], job))
-    if binding is not None:
+        await compute(partial(transfer_all, [one for one in adapters if one not in bound_later], job))
+    if binding is not None and weights is not None:
         with portion(done, 1):
-            bound = await prepare_binding(context, job, weights[0], binding)
+            bound = await prepare_binding(context, job, weights, keys, binding)
         remarks.notes.extend(bound.notes)
         bind_worn = await take_to_rest(context, pair, bound.rest.positions)
 
@@ -242,14 +248,16 @@ async def prepare_transfer(
                 if undo_step:
                     push_match()
             for one in adapters:
-                if one.kind != "shape":
+                if one.kind not in AT_REST:
                     one.write(target)
             if bound is not None:
                 remarks.notes.extend(write_bound(context, pair, bound))
                 bind_worn()
             for one in adapters:
-                if one.kind == "shape":  # it is placed at the source, as a bound target is
+                if one.kind in AT_REST:
                     one.write(target)
+            if bound is not None:
+                write_posed_shape(target, bound)
             target.data.update()
             if bound is not None:
                 keep_match(context, pair, match, stored.settings if stored else made_with)

@@ -669,3 +669,23 @@ def test_an_animation_that_does_not_move_a_target_is_no_obstacle():
     target, _ = pose_target(source, armature)
     target.keyframe_insert("hide_render", frame=1)
     assert bind(source, target)["bound"]["armature"] == "Rig"
+
+
+def test_transferred_keys_have_the_directions_of_the_rest_pose():
+    source, armature = source_and_rig()
+
+    def sliding(points):  # across the upper joint, where the target bends
+        return np.exp(-((points[:, 2:] - 4) ** 2)) * [0.3, 0.2, 0.1]
+
+    source.shape_key_add(name="Basis")
+    key = source.shape_key_add(name="Slide")
+    key.value = 0
+    still = key_shape(source.data, "Basis")
+    key.points.foreach_set("co", (still + sliding(still)).astype(np.float32).ravel())
+    target, at_rest = pose_target(source, armature, {"Middle": (0.9, 0, 0.3), "Upper": (1.2, 0.4, 0)})
+    api.transfer_objects(bpy.context, source, target, ["shape_keys"], binding=api.Binding())
+    keys = target.data.shape_keys.key_blocks
+    assert keys.keys() == ["Basis", "Slide", "Posed Shape"]
+    found = key_shape(target.data, "Slide") - key_shape(target.data, "Basis")
+    off = found - sliding(at_rest)
+    assert np.linalg.norm(off) < 0.03 * np.linalg.norm(sliding(at_rest))

@@ -27,6 +27,7 @@ from zoomout_core.transfer.rigging.unpose import Rest, unpose
 
 from ... import mesh_data
 from ...adapters import Binding, TransferJob
+from ...adapters.shape_keys import ShapeKeyAdapter
 from ...adapters.vertex_groups import WeightAdapter
 from ...jobs import compute
 from ...mesh_data import RigBones
@@ -38,9 +39,9 @@ from .read import Rigged, read_rigged, weights_of_target
 
 # Name of the shape key with the target's original shape.
 POSED_SHAPE = "Posed Shape"
-# Fractions of the progress at which weights are transferred, the target is moved to rest, and the rig is moved and
-# played.
-READING, TAKING, CHECKING, MOVED = 0.6, 0.7, 0.8, 0.9
+# Fractions of the progress at which weights are transferred, the target is moved to rest, keys are transferred, and the
+# rig is moved and played.
+READING, TAKING, KEYS, CHECKING, MOVED = 0.6, 0.7, 0.75, 0.8, 0.9
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,13 +80,16 @@ class MovedRig:
     motion: Floats
 
 
-async def prepare_binding(context: Context, job: TransferJob, weights: WeightAdapter, binding: Binding) -> Bound:
-    """Find the pose of a target, transfer weights from the source at rest, and move the target to rest.
+async def prepare_binding(
+    context: Context, job: TransferJob, weights: WeightAdapter, keys: ShapeKeyAdapter | None, binding: Binding
+) -> Bound:
+    """Find the pose of a target, transfer data from the source at rest, and move the target to rest.
 
     Args:
         context: Blender's.
         job: the transfer.
         weights: the source's vertex groups, which are transferred.
+        keys: the source's shape keys, which are transferred to the target at rest; None for none.
         binding: how to bind the target.
 
     Raises:
@@ -94,14 +98,14 @@ async def prepare_binding(context: Context, job: TransferJob, weights: WeightAda
     pair = job.pair
     check_keys_of_posed(find_mesh(context, pair.target_name), pair.target.vertices)
     rigged = read_rigged(context, pair)
-    posed = await compute(partial(_pose, job, rigged, weights))
+    posed, job = await compute(partial(_pose, job, rigged, weights))
     own = weights_of_target(context, pair, rigged.bones, weights.weights)
     keeps_shape = binding.shape == "keep_shape" or (binding.shape == "automatic" and posed.pose.is_rest)
     notes = []
     if keeps_shape:
         rest = align(pair.target, posed.pose)
     else:
-        with stage("Unposing", TAKING, CHECKING):
+        with stage("Unposing", TAKING, KEYS):
             rest = await compute(partial(_at_rest, pair.target, posed, own, rigged))
         notes.append(
             message(
@@ -118,6 +122,9 @@ async def prepare_binding(context: Context, job: TransferJob, weights: WeightAda
                 "Rest pose: {count:,} vertices were moved with their neighbors, to avoid tears.", count=rest.smoothed
             )
         )
+    if keys is not None:
+        with portion(KEYS, CHECKING):
+            await compute(partial(keys.transfer_to_rest, job, rest))
     moved, rig = rigged.bones.heads, None
     if binding.move_rig:
         (armature,) = mesh_data.armatures_of(find_mesh(context, pair.source_name))
@@ -133,12 +140,14 @@ async def prepare_binding(context: Context, job: TransferJob, weights: WeightAda
         motion = _motion(posed, pair.target, rest)
         rig = MovedRig(name, _move_as_a_whole(bones, motion), motion)
         rest = Rest(transform_points(motion, rest.positions), motion[:3, :3] @ rest.linear, rest.smoothed)
+        if keys is not None:
+            keys.turn(motion[:3, :3])
     shape = "keep_shape" if keeps_shape else "rest_pose"
     return Bound(shape, pair.target.vertices, rest, (*notes, *of_check), stretched, rig)
 
 
-def _pose(job: TransferJob, rigged: Rigged, weights: WeightAdapter) -> PosedTarget:
-    """The pose of a target; the weights are transferred along the map to the source in that pose."""
+def _pose(job: TransferJob, rigged: Rigged, weights: WeightAdapter) -> tuple[PosedTarget, TransferJob]:
+    """The pose of a target, and the transfer along the map to the source in that pose, by which weights come."""
     mapped = map_target(job.match, job.pair.source, job.pair.target, job.settings.fill_below)
     with stage("Finding the pose", 0, READING):
         posed = find_pose(mapped, rigged.rest, rigged.weights, rigged.bones.parents)
@@ -149,7 +158,7 @@ def _pose(job: TransferJob, rigged: Rigged, weights: WeightAdapter) -> PosedTarg
         job = job.along(in_pose)
     with portion(READING, TAKING):
         weights.transfer(job)
-    return posed
+    return posed, job
 
 
 def _at_rest(target: zo.Surface, posed: PosedTarget, weights: csr_array, rigged: Rigged) -> Rest:

@@ -7,11 +7,12 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Any
 
-from bpy.types import Context
+from bpy.types import Context, Object
 
 from zoomout_core.messages import Message, warning
 
 from ... import mesh_data
+from ...adapters.key_drivers import notes_on_drivers
 from ...mesh_data import ObjectPair
 from ...scene.pair import find_mesh, fingerprint_target
 from ...storage import stored_match
@@ -19,21 +20,47 @@ from .bind import POSED_SHAPE, Bound
 
 
 def write_bound(context: Context, pair: ObjectPair, bound: Bound) -> list[Message]:
-    """Bind the target, in `writing`, after its vertex groups were written; returns sentences for the user."""
+    """Bind the target, in `writing`, after its vertex groups were written, and before transferred shape keys are.
+
+    Returns:
+        Sentences for the user.
+    """
     source, target = find_mesh(context, pair.source_name), find_mesh(context, pair.target_name)
     place, armature = mesh_data.place_beside(source, target), None
     if bound.rig is not None:
         place, original = bound.rig.motion @ place, context.scene.objects[bound.rig.armature]
         armature = mesh_data.copy_rig(context, original, target, bound.rig.bones, bound.rig.motion)
+    read = [*mesh_data.armatures_of(target), *mesh_data.armatures_of(source)]
     mesh_data.unbind(target)
     mesh_data.reshape(target, bound.seen, bound.rest.positions, bound.rest.linear, place)
     mesh_data.bind_like(source, target)
     if armature is not None:
         mesh_data.bind_to_other(target, original, armature, {}, place)
     context.view_layer.update()
+    notes = _redirect_drivers(target, read)
+    return notes if armature is None else notes + _note_on_bends(mesh_data.bends_at_rest(original, armature))
+
+
+def _redirect_drivers(target: Object, read: Iterable[Object]) -> list[Message]:
+    """Let drivers of the keys that a target has already read its armature, where it has what they read of others.
+
+    Args:
+        target: the object, bound.
+        read: armatures that they may read.
+    """
+    if target.data.shape_keys is None:
+        return []
+    own = mesh_data.armatures_of(target)
+    blocks = {part: part for each in own for part in (each, each.data)}
+    others = {block: other for each in read for block, other in mesh_data.counterpart_armatures(each, own[0]).items()}
+    counterparts = mesh_data.Counterparts(blocks, if_present=others)
+    return list(notes_on_drivers(mesh_data.redirect_drivers(target.data.shape_keys, counterparts), target))
+
+
+def write_posed_shape(target: Object, bound: Bound) -> None:
+    """Keep the original shape of a target that was moved to rest as a key, after all others were written."""
     if bound.shape == "rest_pose":
         mesh_data.write_shape(target, POSED_SHAPE, mesh_data.positions_in_object(target, bound.seen))
-    return [] if armature is None else _note_on_bends(mesh_data.bends_at_rest(original, armature))
 
 
 def _note_on_bends(turned: Mapping[str, float]) -> list[Message]:

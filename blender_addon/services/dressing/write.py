@@ -3,13 +3,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 from bpy.types import Context, Object
 
 from zoomout_core.messages import Message, message, warning
 
 from ... import mesh_data
+from ...adapters.key_drivers import notes_on_drivers
 from ...mesh_data import ObjectPair, OutfitBones
 from ...scene.pair import find_mesh
 from .fit import Fit
@@ -53,7 +55,30 @@ def write_copies(
     if fitting.rigs is not None and fit.outfit is not None:
         mesh_data.add_outfit_bones(context, *_armatures(context, fitting.rigs), fit.outfit, fit.pairs)
         notes.extend(_notes_on_bones(fit.outfit, fit.pairs, fitting.rigs.target))
+    for name, copy in made.items():
+        notes.extend(_redirect_drivers(context, name, copy, target, bodies, fitting, fit))
     return made, notes
+
+
+def _redirect_drivers(
+    context: Context, original: str, made: str, target: Object, bodies: Sequence[Object], fitting: Fitting, fit: Fit
+) -> list[Message]:
+    """Let drivers of a copy's own keys read the target, its keys and its armature; returns notes."""
+    obj, copy = (context.scene.objects[name] for name in (original, made))
+    if copy.type != "MESH" or copy.data.shape_keys is None:
+        return []
+    keys, blocks = target.data.shape_keys, dict[Any, Any]()
+    if keys is not None:
+        blocks |= dict.fromkeys((keys, *(each.data.shape_keys for each in bodies if each.data.shape_keys)), keys)
+    if obj.data.shape_keys is not None:
+        blocks[obj.data.shape_keys] = copy.data.shape_keys
+    blocks |= {part: part for body in bodies for each in mesh_data.armatures_of(body) for part in (each, each.data)}
+    bones = None
+    if fitting.rigs is not None and fit.outfit is not None:
+        blocks |= mesh_data.counterpart_armatures(*_armatures(context, fitting.rigs))
+        bones = {name: name for name in fit.outfit.names} | fit.pairs
+    read = mesh_data.Counterparts(blocks, bones, dict.fromkeys(bodies, target) | {obj: copy})
+    return list(notes_on_drivers(mesh_data.redirect_drivers(copy.data.shape_keys, read), copy))
 
 
 def _armatures(context: Context, rigs: Rigs) -> tuple[Object, Object]:

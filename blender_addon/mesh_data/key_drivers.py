@@ -1,0 +1,152 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What drivers of shape keys read of a character, and the same on another one: its armature, bones and keys."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import bpy
+from bpy.types import ID, DriverTarget, FCurve, Key, Object, Scene
+
+from .shape_keys import path_of_key
+
+# A bone in a data path; its name is escaped.
+BONE = re.compile(r'\bbones\["((?:[^"\\]|\\.)*)"\]')
+
+
+@dataclass(frozen=True, eq=False)
+class Counterparts:
+    """What drivers read instead on another object.
+
+    Attributes:
+        blocks: data-blocks, by those that they replace: armatures with their data, shape keys.
+        bones: names of the bones of replaced armatures; bones without a counterpart are missing. None for the same.
+        if_present: data-blocks that replace others only where they have what a driver reads, such as an object that
+            lacks a custom property.
+    """
+
+    blocks: Mapping[Any, Any]
+    bones: Mapping[str, str] | None = None
+    if_present: Mapping[Any, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Redirected:
+    """What became of drivers.
+
+    Attributes:
+        removed: names of keys whose drivers were removed, because the counterparts lack what they read.
+        lacking: names of bones, and paths of properties, that are lacking.
+        outside: names of data-blocks that drivers read still, besides the object and its counterparts.
+    """
+
+    removed: list[str] = field(default_factory=list)
+    lacking: list[str] = field(default_factory=list)
+    outside: list[str] = field(default_factory=list)
+
+
+def counterpart_armatures(source: Object, target: Object) -> dict[Any, Any]:
+    """An armature that drivers read and the one to be read instead, and likewise their data."""
+    return {source: target, source.data: target.data}
+
+
+def bones_of_drivers(key: Key, names: Collection[str], armature: Object) -> set[str]:
+    """The names of an armature's bones that drivers of some keys read."""
+    found = set[str]()
+    for _, curve in _drivers(key, names):
+        for kind, end in _ends(curve):
+            if end.id in (armature, armature.data):
+                found |= {bpy.utils.unescape_identifier(name) for name in BONE.findall(end.data_path)}
+                found |= {end.bone_target} if _reads_bone(kind, end) else set()
+    return found
+
+
+def redirect_drivers(key: Key, counterparts: Counterparts, names: Collection[str] | None = None) -> Redirected:
+    """Let drivers of keys read counterparts; keys whose drivers cannot do so are switched off.
+
+    Args:
+        key: the shape keys of an object, with drivers that were copied from another one.
+        counterparts: what they read instead.
+        names: names of the keys; all when not given.
+    """
+    result = Redirected()
+    for name, curve in _drivers(key, key.key_blocks.keys() if names is None else names):
+        lacking = [what for kind, end in _ends(curve) if (what := _redirect(kind, end, counterparts))]
+        if lacking:
+            _add(result.lacking, lacking)
+            _add(result.removed, [name])
+            key.animation_data.drivers.remove(curve)
+            key.key_blocks[name].value = 0
+            continue
+        inside = {key, *counterparts.blocks.values(), *counterparts.if_present.values()}
+        read = [end.id for _, end in _ends(curve) if end.id is not None and not isinstance(end.id, Scene)]
+        _add(result.outside, [each.name for each in read if each not in inside])
+    return result
+
+
+def _drivers(key: Key, names: Collection[str]) -> Iterator[tuple[str, FCurve]]:
+    """The drivers of some keys, each with the name of its key."""
+    for name in names if key.animation_data else ():
+        for curve in [each for each in key.animation_data.drivers if each.data_path.startswith(path_of_key(name))]:
+            yield name, curve
+
+
+def _ends(curve: FCurve) -> Iterator[tuple[str, DriverTarget]]:
+    """The targets of the variables of a driver, each with the type of its variable."""
+    for variable in curve.driver.variables:
+        for end in variable.targets if variable.type != "CONTEXT_PROP" else ():
+            yield variable.type, end
+
+
+def _reads_bone(kind: str, end: DriverTarget) -> bool:
+    return kind != "SINGLE_PROP" and bool(end.bone_target) and getattr(end.id, "pose", None) is not None
+
+
+def _redirect(kind: str, end: DriverTarget, counterparts: Counterparts) -> str:
+    """Let a target of a driver's variable read the counterpart; returns what that lacks, or nothing."""
+    read = end.id
+    other = counterparts.blocks.get(read, counterparts.if_present.get(read))
+    if other is None or other == read:
+        return ""
+    path, bone = end.data_path, end.bone_target
+    lacking = ""
+    if counterparts.bones is not None:
+        path, bone, lacking = _renamed(kind, end, counterparts.bones)
+    if not lacking and kind == "SINGLE_PROP" and _has(read, end.data_path) and not _has(other, path):
+        lacking = path
+    if not lacking and _reads_bone(kind, end) and end.bone_target in read.pose.bones and bone not in other.pose.bones:
+        lacking = bone
+    if not lacking:
+        end.id = other
+        end.data_path, end.bone_target = path, bone
+    return lacking if read in counterparts.blocks else ""
+
+
+def _renamed(kind: str, end: DriverTarget, bones: Mapping[str, str]) -> tuple[str, str, str]:
+    """The path and the bone of a target with the names of other bones, and one that has none, or nothing."""
+    bone = end.bone_target
+    read = [bpy.utils.unescape_identifier(name) for name in BONE.findall(end.data_path)]
+    read += [bone] if _reads_bone(kind, end) else []
+
+    def with_other_bone(found: re.Match[str]) -> str:
+        name = bpy.utils.unescape_identifier(found[1])
+        return f'bones["{bpy.utils.escape_identifier(bones.get(name, name))}"]'
+
+    lacking = next((name for name in read if name not in bones), "")
+    return BONE.sub(with_other_bone, end.data_path), bones.get(bone, bone), lacking
+
+
+def _has(block: ID, path: str) -> bool:
+    """Whether a data-block has a property."""
+    try:
+        block.path_resolve(path)
+    except ValueError:
+        return False
+    return True
+
+
+def _add(listed: list[str], new: list[str]) -> None:
+    listed.extend(each for each in dict.fromkeys(new) if each not in listed)
