@@ -19,15 +19,12 @@ from zoomout_core.assets.part_names import parts_of_file
 from zoomout_core.batch import Job, Outcome, run_jobs
 from zoomout_core.map_files import keep_map, save_match
 from zoomout_core.matching.report.notes import select_notes
-from zoomout_core.matching.report.verdict import GREEN, check_verdict
+from zoomout_core.matching.report.verdict import GREEN, LOW_CONFIDENCE, check_verdict
 from zoomout_core.mesh.shapes import as_surface
 from zoomout_core.messages import note_figures, note_lines
 
 if TYPE_CHECKING:
     from pymeshlab import MeshSet
-
-# Vertices below this confidence are reported as doubtful.
-LOW = 0.5
 
 
 def transfer_files(
@@ -100,7 +97,7 @@ def _figures(report: dict[str, Any]) -> dict[str, Any]:
         "verdict": report["verdict"],
         "certainty": float(report["certainty"]),
         "mean_confidence": float(report["confidence"].mean()),
-        "low_confidence": float((report["confidence"] < LOW).mean()),
+        "low_confidence": float((report["confidence"] < LOW_CONFIDENCE).mean()),
         "share_without_partner": report["share_without_partner"],
         "source_share_without_partner": report["source_share_without_partner"],
         "parts": report["parts"],
@@ -115,8 +112,8 @@ def _lines(report: dict[str, Any], ending: str) -> list[str]:
     lines = [
         f"Transferred: {', '.join(report['transferred'])}.",
         verdict.line,
-        f"Mean confidence {confidence.mean():.2f}; {(confidence < LOW).mean():.1%} of the vertices are doubtful "
-        f"(below {LOW}).",
+        f"Mean confidence {confidence.mean():.2f}; {(confidence < LOW_CONFIDENCE).mean():.1%} of the vertices are "
+        f"doubtful (below {LOW_CONFIDENCE}).",
         f"Without a partner: {report['share_without_partner']:.1%} of the target's area, "
         f"{report['source_share_without_partner']:.1%} of the source's.",
         *note_lines(select_notes(report["notes"], verdict)),

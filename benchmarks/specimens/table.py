@@ -18,9 +18,9 @@ from benchmarks.datasets import evenly
 from benchmarks.specimens.damage import DAMAGES, Specimen, intact, mirror_image
 from benchmarks.tables import NOT_SHOWN, Record, Tables
 from zoomout_core.arrays import Booleans, Floats
-from zoomout_core.cli.report import LOW
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.matching.registration.smooth_warp import outward_normals
+from zoomout_core.matching.report.verdict import LOW_CONFIDENCE
 from zoomout_core.matching.result import MatchResult
 from zoomout_core.mesh.surface import Surface
 
@@ -163,7 +163,7 @@ def _rows(records: list[Record]) -> list[Record]:
         for method in (MAP, TRANSFER):
             chosen = [record for record in records if (record["kind"], record["method"]) == (kind, method)]
             errors, confidence = _join(chosen, "errors"), _join(chosen, "confidence")
-            unsure = confidence < LOW
+            unsure = confidence < LOW_CONFIDENCE
             row: Record = {"kind": kind, "method": method, "pairs": len(chosen), "mean": float(errors.mean())}
             row |= {"median": float(np.median(errors)), "worst": float(errors.max())}
             row |= {"worst unflagged": float(errors[~unsure].max(initial=0))}
@@ -183,7 +183,7 @@ def _confidence_rows(records: list[Record]) -> list[Record]:
                 chosen = [record for record in used if (record[group], record["method"]) == (name, method)]
                 limits = [np.full(len(each["errors"]), WRONG * each["rigid"]) for each in chosen]
                 errors, confidence = _join(chosen, "errors"), _join(chosen, "confidence")
-                wrong, unsure = errors > np.concatenate(limits), confidence < LOW
+                wrong, unsure = errors > np.concatenate(limits), confidence < LOW_CONFIDENCE
                 present = _join(chosen, "present")
                 row: Record = {"specimens": name, "method": method, "landmarks": len(errors)}
                 row |= {"missing": int((~present).sum()), "mean of present": float(errors[present].mean())}
@@ -200,7 +200,7 @@ def _mirror_rows(records: list[Record]) -> list[Record]:
             errors, confidence = np.array(record["errors"]), np.array(record["confidence"])
             row: Record = {name: record[name] for name in ("kind", "target", "source", "method")}
             row |= {"mean": float(errors.mean()), "worst": float(errors.max())}
-            rows.append(row | {"flagged": float((confidence < LOW).mean())})
+            rows.append(row | {"flagged": float((confidence < LOW_CONFIDENCE).mean())})
     return rows
 
 

@@ -23,7 +23,7 @@ from bpy.types import Mesh
 import zoomout_core as zo
 from zoomout_core.arrays import Booleans
 from zoomout_core.maps.surface_map import fault_of_map
-from zoomout_core.matching.report.verdict import LEVELS
+from zoomout_core.matching.report.verdict import LEVELS, LOW_CONFIDENCE
 from zoomout_core.messages import to_json
 from zoomout_core.transfer import Attribute, Domain, Kind
 
@@ -53,8 +53,6 @@ ENTRIES: dict[str, JsonKind] = {
 }
 # Key in the stored settings for the fingerprint of the landmarks that were used.
 LANDMARKS = "landmarks_fingerprint"
-# Vertices below this confidence are counted in reports.
-LOW_CONFIDENCE = 0.5
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,7 +22,7 @@ from zoomout_core.batch import (
     run_batch,
     say_outcomes,
 )
-from zoomout_core.cli.report import LOW, json_option, match_figures
+from zoomout_core.cli.report import json_option, match_figures
 from zoomout_core.command_options import batch_options, files_of_options, match_options, start_arguments
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.landmark_files import (
@@ -38,7 +38,7 @@ from zoomout_core.matching.pair import on_surface
 from zoomout_core.matching.pipeline import match
 from zoomout_core.matching.ranking.mirror_image import mirror_candidate
 from zoomout_core.matching.report.notes import select_notes
-from zoomout_core.matching.report.verdict import AMBER, GREEN, RED, VERDICT, Verdict, check_verdict
+from zoomout_core.matching.report.verdict import AMBER, GREEN, LOW_CONFIDENCE, RED, VERDICT, Verdict, check_verdict
 from zoomout_core.matching.result import MatchResult
 from zoomout_core.matching.transfer_landmarks import transfer_landmarks
 from zoomout_core.mesh.formats.files import read_shape
@@ -194,7 +194,7 @@ def _run_job(
         job.output.parent.mkdir(exist_ok=True)
         write_landmark_file(placed, job.output)
     names = [name or str(number) for number, name in enumerate(placed.names, start=1)]
-    uncertain = [name for name, low in zip(names, confidence < LOW, strict=True) if low]
+    uncertain = [name for name, low in zip(names, confidence < LOW_CONFIDENCE, strict=True) if low]
     verdict = _verdict(result, uncertain, len(names))
     report |= {
         "landmarks": [

@@ -14,12 +14,9 @@ from zoomout_core.arrays import Floats
 from zoomout_core.cli.group import JSON
 from zoomout_core.command_options import tell
 from zoomout_core.matching.report.part_report import name_components, notes_on_parts, part_figures
-from zoomout_core.matching.report.verdict import GREEN
+from zoomout_core.matching.report.verdict import GREEN, LOW_CONFIDENCE
 from zoomout_core.matching.result import MatchResult
 from zoomout_core.mesh.named_parts import NamedParts
-
-# Confidence below which a vertex counts as doubtful.
-LOW = 0.5
 
 
 def json_option(command: Any) -> Any:
@@ -43,7 +40,7 @@ def match_figures(result: MatchResult, parts: NamedParts) -> dict[str, Any]:
         "verdict": result.verdict._asdict(),
         "certainty": result.certainty,
         "mean_confidence": float(result.confidence.mean()),
-        "low_confidence": float((result.confidence < LOW).mean()),
+        "low_confidence": float((result.confidence < LOW_CONFIDENCE).mean()),
         "share_without_partner": result.share_without_partner,
         "source_share_without_partner": result.source_share_without_partner,
         "torn": result.target.share_of_area(result.torn),
@@ -61,11 +58,12 @@ def match_notes(result: MatchResult, parts: NamedParts) -> list[str]:
 def match_lines(result: MatchResult, parts: NamedParts) -> list[str]:
     """The same figures in sentences, the verdict first."""
     result = name_components(result, parts)
-    low = (result.confidence < LOW).mean()
+    low = (result.confidence < LOW_CONFIDENCE).mean()
     return [
         result.verdict.line,
         *_ways_out(result),
-        f"Mean confidence {result.confidence.mean():.2f}; {low:.1%} of the vertices are doubtful (below {LOW}).",
+        f"Mean confidence {result.confidence.mean():.2f}; {low:.1%} of the vertices are doubtful "
+        f"(below {LOW_CONFIDENCE}).",
         f"Without a partner: {result.share_without_partner:.1%} of the target's area, "
         f"{result.source_share_without_partner:.1%} of the source's.",
     ]

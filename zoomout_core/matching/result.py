@@ -26,7 +26,7 @@ from zoomout_core.matching.ranking.rank import Candidate, is_closed
 from zoomout_core.matching.refinement.dense_map import dense_map
 from zoomout_core.matching.refinement.repair import repair
 from zoomout_core.matching.report.notes import notes_on_map, notes_on_rest
-from zoomout_core.matching.report.verdict import VERDICT, Faults, Verdict, judge
+from zoomout_core.matching.report.verdict import LOW_CONFIDENCE, VERDICT, Faults, Verdict, judge
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.mesh.working_mesh import WorkingMesh
@@ -38,8 +38,6 @@ from zoomout_core.runtime.summary import Summary
 from zoomout_core.runtime.threads import on_one_blas_thread
 from zoomout_core.spectral.eigenbasis import SpectralBasis
 
-# Confidence below which a vertex counts as doubtful in summaries.
-LOW = 0.5
 # Mean confidence below which a loose part is lost: its place on the source is unknown. On 22 pairs of game characters,
 # 38 % of the area of such parts is on the wrong limb.
 LOST = 0.1
@@ -169,7 +167,7 @@ class MatchResult(Summary):
         return Faults(
             self.target.share_of_area(self.torn),
             float(self.pair.shares[self.missed].sum()),
-            self.target.share_of_area(self.confidence < LOW),
+            self.target.share_of_area(self.confidence < LOW_CONFIDENCE),
             self.share_without_partner,
             self.candidates[self.chosen].reverses_orientation,
             1 - self.placed,
@@ -182,13 +180,13 @@ class MatchResult(Summary):
 
     def _summary(self) -> dict[str, str]:
         candidate, without = self.candidates[self.chosen], self.share_without_partner
-        mean, low = self.confidence.mean(), (self.confidence < LOW).mean()
+        mean, low = self.confidence.mean(), (self.confidence < LOW_CONFIDENCE).mean()
         return {
             "source": f"{len(self.pair.source.vertices):,} vertices",
             "target": f"{len(self.pair.target.vertices):,} vertices, {without:.1%} of its area without a partner",
             "verdict": self.verdict.line,
             "certainty": probability(self.certainty),
-            "confidence": f"{mean:.2f} on average; {low:.1%} of the vertices are doubtful (below {LOW})",
+            "confidence": f"{mean:.2f} on average; {low:.1%} of the vertices are doubtful (below {LOW_CONFIDENCE})",
             "candidate": f"{self.chosen} of {len(self.candidates)}, from {candidate.origin}",
             "notes": " ".join(self.notes) or "none",
         }
@@ -295,7 +293,7 @@ def make_result(pair: Pair, candidates: tuple[Candidate, ...], chosen: int) -> M
         surface_map = meet_exact_landmarks(whole.surface_map, pair)
     with stage("Repairing torn places", 0.95, 1.0):
         repaired = repair(pair, surface_map)
-    confidence, cut_off = whole.confidence * repaired.connected, repaired.connected < LOW
+    confidence, cut_off = whole.confidence * repaired.connected, repaired.connected < LOW_CONFIDENCE
     lost = _on_lost_parts(pair.target, whole.confidence)
     placed = min(whole.placed, 1 - pair.target.share_of_area(lost))
     placed *= 1 - pair.target.share_of_area(cut_off & ~lost)

@@ -13,11 +13,12 @@ import zoomout_core as zo
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.maps.known_match import KnownMatch
+from zoomout_core.matching.report.verdict import LOW_CONFIDENCE
 from zoomout_core.mesh.triangles import vertex_areas
 from zoomout_core.messages import Message, message
 
 from ...mesh_data import Fingerprint, ObjectPair
-from ...storage.stored_match import LOW_CONFIDENCE, StoredMatch
+from ...storage.stored_match import StoredMatch
 
 # If a source has at least this fraction of a target's area, weighted by confidence, it is the only source; loose parts
 # that map to other sources still receive data from those.

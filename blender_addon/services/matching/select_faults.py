@@ -12,6 +12,7 @@ from bpy.types import Context, Object
 import zoomout_core as zo
 from zoomout_core.arrays import Booleans
 from zoomout_core.evaluation import flipped_triangles
+from zoomout_core.matching.report.verdict import LOW_CONFIDENCE
 from zoomout_core.mesh.triangles import triangle_areas
 from zoomout_core.messages import enumeration, message
 from zoomout_core.runtime.progress import stage
@@ -22,7 +23,7 @@ from ...jobs import compute, run
 from ...mesh_data import ObjectPair
 from ...scene.pair import check_not_edited, find_mesh
 from ...scene.stored_pair import read_stored_match
-from ...storage.stored_match import LOW_CONFIDENCE, StoredMatch, unpack_mask
+from ...storage.stored_match import StoredMatch, unpack_mask
 from ...storage.stored_report import transfer_report
 
 # Kinds of faults.

@@ -64,27 +64,39 @@ def lift(pair: Pair, fit: Fit, confidence: Floats, partners: Partners) -> Lifted
     source, target = pair.source_shape.proxy, pair.target_shape.proxy
     between_parts = lift_fit(fit, source, target, target_in_space(pair))
     loose = map_components(pair, between_parts, confidence)
-    confidence = target.place.interpolate(confidence)
-    vertex_of = target.full.vertex_of
-    on_body = vertex_of >= 0
-    n = len(pair.target.vertices)
-    triangle, barycentric, trust = np.zeros(n, dtype=np.int64), np.tile([1.0, 0, 0], (n, 1)), np.zeros(n)
-    triangle[on_body] = source.full.triangle_of[between_parts.triangle[vertex_of[on_body]]]
-    barycentric[on_body] = between_parts.barycentric[vertex_of[on_body]]
-    trust[on_body] = confidence[vertex_of[on_body]]
-    number = np.full(len(pair.target.working.vertices), -1)
-    number[loose.image.vertices] = np.arange(len(loose.image.vertices))
-    number = np.where(pair.target.working.vertex_of >= 0, number[pair.target.working.vertex_of], -1)
-    placed = number >= 0
-    triangle[placed] = pair.source.working.triangle_of[loose.image.triangle[number[placed]]]
-    barycentric[placed], trust[placed] = loose.image.barycentric[number[placed]], loose.image.confidence[number[placed]]
-    whole = SurfaceMap(triangle, barycentric, pair.source.triangles)
+    whole, confidence, on_body, placed = _join(pair, between_parts, target.place.interpolate(confidence), loose)
     areas = triangle_areas(pair.target.vertices, pair.target.triangles)
     share = float(areas[(on_body | placed)[pair.target.triangles].any(axis=1)].sum() / areas.sum())
     alone = (pair.target.working.vertex_of >= 0) & ~on_body & ~placed
     left = np.isin(pair.source.working.vertex_of, loose.left_vertices)
     both = Partners(_on_surface(target, partners.target, ~alone), _on_surface(source, partners.source, ~left))
-    return LiftedMap(_with_the_rest(pair, whole, on_body, on_body | placed), trust, both, share, _notes(pair, loose))
+    whole = _with_the_rest(pair, whole, on_body, on_body | placed)
+    return LiftedMap(whole, confidence, both, share, _notes(pair, loose))
+
+
+def _join(
+    pair: Pair, body: SurfaceMap, confidence: Floats, loose: ComponentMap
+) -> tuple[SurfaceMap, Floats, Booleans, Booleans]:
+    """Join the map between two bodies' full meshes, with its confidence (n,), and that of the loose parts.
+
+    Returns:
+        The map between the surfaces, (n_t,) its confidence, and (n_t,) the vertices on the body and on mapped parts;
+        others have no image yet.
+    """
+    source, vertex_of = pair.source_shape.proxy.full, pair.target_shape.proxy.full.vertex_of
+    on_body, n = vertex_of >= 0, len(pair.target.vertices)
+    triangle, barycentric, whole = np.zeros(n, dtype=np.int64), np.tile([1.0, 0, 0], (n, 1)), np.zeros(n)
+    triangle[on_body] = source.triangle_of[body.triangle[vertex_of[on_body]]]
+    barycentric[on_body] = body.barycentric[vertex_of[on_body]]
+    whole[on_body] = confidence[vertex_of[on_body]]
+    number = np.full(len(pair.target.working.vertices), -1)
+    number[loose.image.vertices] = np.arange(len(loose.image.vertices))
+    number = np.where(pair.target.working.vertex_of >= 0, number[pair.target.working.vertex_of], -1)
+    placed = number >= 0
+    image = number[placed]
+    triangle[placed] = pair.source.working.triangle_of[loose.image.triangle[image]]
+    barycentric[placed], whole[placed] = loose.image.barycentric[image], loose.image.confidence[image]
+    return SurfaceMap(triangle, barycentric, pair.source.triangles), whole, on_body, placed
 
 
 def _on_surface(proxy: Proxy, has_partner: Booleans, beside: Booleans) -> Booleans:

@@ -41,6 +41,8 @@ LOOK_AT_PARTS = "Check the list of parts; add landmarks on those that are missin
 LOOK_AT_ALONE = "Look at the vertices without a partner, and check that the source lacks that part."
 
 
+# Confidence below which a vertex is doubtful.
+LOW_CONFIDENCE = 0.5
 # Doubtful share of the target from which a green verdict mentions it, so that it does not round to 0%.
 MENTIONED_DOUBTS = 0.005
 

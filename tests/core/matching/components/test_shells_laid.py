@@ -293,12 +293,12 @@ def test_trust_is_that_in_the_body_and_falls_with_the_square_of_the_distance(tru
     )
     squared = (apart[mesh.component > 0] / np.sqrt(TRUNK.area)) ** 2
     np.testing.assert_allclose(found.confidence[mesh.component == 0], of_body, atol=1e-3)
-    found_trust = found.confidence[mesh.component > 0]
+    confidence = found.confidence[mesh.component > 0]
     if of_body:
-        fallen = (of_body / found_trust - 1) / squared
+        fallen = (of_body / confidence - 1) / squared
         np.testing.assert_allclose(fallen, np.median(fallen), rtol=0.02)
     else:
-        np.testing.assert_array_equal(found_trust, 0)
+        np.testing.assert_array_equal(confidence, 0)
 
 
 @pytest.mark.parametrize("itself", [False, True])
