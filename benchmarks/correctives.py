@@ -57,7 +57,7 @@ AROUND = 0.12
 
 @dataclass(frozen=True, eq=False)
 class _Case:
-    """A target in the scene, and what is known of it.
+    """A target in the scene, and its true body.
 
     Attributes:
         way: how it gets its rig.
@@ -171,7 +171,7 @@ def _turn(body: Body, joint: str) -> Floats:
 
 
 def _correct(body: Body, joint: str) -> tuple[Floats, Floats]:
-    """(n, 3) what a key adds to a body as it is displayed with a bent joint, and (n, 3) its offsets at rest."""
+    """(n, 3) displacements that a key adds to a body with a bent joint, and (n, 3) its offsets at rest."""
     bones, turns = body.bones, np.zeros((len(body.bones.names), 3))
     turns[bones.names.index(JOINTS[joint][0])] = _turn(body, joint)
     pose, weights = pose_of_turns(turns, bones.heads, bones.parents), csr_array(body.weights)
@@ -220,7 +220,7 @@ def _measure(case: _Case) -> tuple[list[Record], list[list[View]]]:
     for joint, (bone, _, _) in JOINTS.items():
         truth, _ = _correct(case.body, joint)
         mesh_data.turn_bones(armature, {bone: _turn(case.body, joint)})
-        with_key = _displayed(case.target)
+        with_key = _read_display(case.target)
         keys = case.target.data.shape_keys
         value = keys.key_blocks[joint].value
         for curve in keys.animation_data.drivers:
@@ -241,7 +241,7 @@ def _measure(case: _Case) -> tuple[list[Record], list[list[View]]]:
     return records, views
 
 
-def _displayed(obj: Object) -> Floats:
+def _read_display(obj: Object) -> Floats:
     """(n, 3) the vertices of an object as it is displayed."""
     bpy.context.view_layer.update()
     with mesh_data.evaluated_mesh(obj, bpy.context.evaluated_depsgraph_get()) as (_, mesh):
@@ -252,7 +252,7 @@ def _display(obj: Object, name: str) -> Floats:
     """(n, 3) its vertices with one key alone, or none; drivers are off."""
     for block in obj.data.shape_keys.key_blocks:
         block.value = float(block.name == name)
-    return _displayed(obj)
+    return _read_display(obj)
 
 
 def _view(caption: str, surface: Surface, place: Floats) -> View:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What drivers of shape keys read of a character, and the same on another one: its armature, bones and keys."""
+"""Drivers of shape keys: the armatures, bones and keys that they read, and their counterparts in another character."""
 
 from __future__ import annotations
 
@@ -19,13 +19,12 @@ BONE = re.compile(r'\bbones\["((?:[^"\\]|\\.)*)"\]')
 
 @dataclass(frozen=True, eq=False)
 class Counterparts:
-    """What drivers read instead on another object.
+    """The data that drivers read on another object.
 
     Attributes:
         blocks: data-blocks, by those that they replace: armatures with their data, shape keys.
         bones: names of the bones of replaced armatures; bones without a counterpart are missing. None for the same.
-        if_present: data-blocks that replace others only where they have what a driver reads, such as an object that
-            lacks a custom property.
+        if_present: data-blocks that replace others only where they have the property that a driver reads.
     """
 
     blocks: Mapping[Any, Any]
@@ -35,10 +34,10 @@ class Counterparts:
 
 @dataclass(frozen=True, eq=False)
 class Redirected:
-    """What became of drivers.
+    """The outcome for the drivers of some keys.
 
     Attributes:
-        removed: names of keys whose drivers were removed, because the counterparts lack what they read.
+        removed: names of keys whose drivers were removed, because the counterparts lack the bones or properties.
         lacking: names of bones, and paths of properties, that are lacking.
         outside: names of data-blocks that drivers read still, besides the object and its counterparts.
     """
@@ -69,7 +68,7 @@ def redirect_drivers(key: Key, counterparts: Counterparts, names: Collection[str
 
     Args:
         key: the shape keys of an object, with drivers that were copied from another one.
-        counterparts: what they read instead.
+        counterparts: the data that they read instead.
         names: names of the keys; all when not given.
     """
     result = Redirected()
@@ -106,7 +105,7 @@ def _reads_bone(kind: str, end: DriverTarget) -> bool:
 
 
 def _redirect(kind: str, end: DriverTarget, counterparts: Counterparts) -> str:
-    """Let a target of a driver's variable read the counterpart; returns what that lacks, or nothing."""
+    """Let a target of a driver's variable read the counterpart; returns the name of lacking data, or nothing."""
     read = end.id
     other = counterparts.blocks.get(read, counterparts.if_present.get(read))
     if other is None or other == read:
@@ -114,7 +113,7 @@ def _redirect(kind: str, end: DriverTarget, counterparts: Counterparts) -> str:
     path, bone = end.data_path, end.bone_target
     lacking = ""
     if counterparts.bones is not None:
-        path, bone, lacking = _renamed(kind, end, counterparts.bones)
+        path, bone, lacking = _find_names(kind, end, counterparts.bones)
     if not lacking and kind == "SINGLE_PROP" and _has(read, end.data_path) and not _has(other, path):
         lacking = path
     if not lacking and _reads_bone(kind, end) and end.bone_target in read.pose.bones and bone not in other.pose.bones:
@@ -125,7 +124,7 @@ def _redirect(kind: str, end: DriverTarget, counterparts: Counterparts) -> str:
     return lacking if read in counterparts.blocks else ""
 
 
-def _renamed(kind: str, end: DriverTarget, bones: Mapping[str, str]) -> tuple[str, str, str]:
+def _find_names(kind: str, end: DriverTarget, bones: Mapping[str, str]) -> tuple[str, str, str]:
     """The path and the bone of a target with the names of other bones, and one that has none, or nothing."""
     bone = end.bone_target
     read = [bpy.utils.unescape_identifier(name) for name in BONE.findall(end.data_path)]
