@@ -20,10 +20,10 @@ from blender_addon.demo.target import remeshed
 from blender_addon.services.live_link import keep_linked
 from blender_addon.services.matching.match import match_objects
 from zoomout_core.arrays import Floats
-from zoomout_core.assets.asset import UV, Asset, on_corners
+from zoomout_core.assets.asset import UV, Asset, at_rest, on_corners
 from zoomout_core.assets.files import read_asset, write_asset
 from zoomout_core.assets.gltf.compress import METHODS
-from zoomout_core.assets.lods import at_rest, errors_of_level, make_lods
+from zoomout_core.assets.lods import errors_of_level, make_lods
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.maps.surface_map import SurfaceMap
 
