@@ -291,12 +291,40 @@ def binding(data: Path, pairs: int | None, json_file: Path | None, pictures: Pat
 
 
 @main.command()
+@click.option(
+    "--table",
+    "tables",
+    type=click.Choice(["links", "levels", "bakes", "compression", "loaders"]),
+    multiple=True,
+    help="Make this alone.",
+)
+@click.option("--pictures", type=click.Path(file_okay=False, path_type=Path), help="Draw the bakes here.")
+@click.option(
+    "--node-modules",
+    type=click.Path(exists=True, file_okay=False, path_type=Path),
+    help="Also open files in Babylon.js and three.js, and validate them; see loaders.mjs.",
+)
+@click.option(
+    "--panda",
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    help="Also open files in Panda3D, by this Python program, which has it.",
+)
 @click.option("--json", "json_file", type=click.Path(dir_okay=False, path_type=Path), help="Write it here too.")
-def production(json_file: Path | None) -> None:
-    """Live links beside the operator, levels of detail beside those that Blender makes, and compressed files."""
-    from benchmarks import production as production_table  # it starts Blender
+def production(
+    tables: tuple[str, ...],
+    pictures: Path | None,
+    node_modules: Path | None,
+    panda: Path | None,
+    json_file: Path | None,
+) -> None:
+    """Live links beside the operator, levels beside Blender's, bakes beside Cycles, and files in other programs."""
+    from benchmarks import production as production_tables  # it starts Blender
 
-    report(production_table.run(), None, json_file)
+    report(
+        production_tables.run(tables or production_tables.TABLES, pictures, node_modules, panda),
+        None,
+        json_file,
+    )
 
 
 @main.command()

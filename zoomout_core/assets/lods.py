@@ -42,7 +42,7 @@ MOVED, MAX_KEY_POSES = 0.02, 6
 # this number. Half of the poses raise the errors by 1 %.
 MAX_POSED, MIN_POSES = 400_000, 4
 # Points of the asset, per vertex of a level, that the level is fitted to.
-FITTED = 8
+FITTED = 24
 # Digits of texture coordinates; smaller differences are rounding.
 UV_DIGITS = 5
 # Vertices of a level, relative to those wanted, from which a note says why.
