@@ -64,12 +64,17 @@ def open_elsewhere(cell: float, node_modules: Path | None = None, panda: Path | 
         if panda is not None:
             rows += _run(panda, here / "panda.py", *files)
     written = {
+        "file": "",
+        "reader": "(written)",
+        "names": [name for name, _ in level.objects],
         "vertices": len(level.surface.vertices),
         "triangles": len(level.surface.triangles),
         "joints": len(asset.skin.names),
         "targets": list(KEYS),
+        "errors": None,
+        "problem": None,
     }
-    return [_as_text(row) for row in ({"file": "", "reader": "(written)", **written}, *rows)]
+    return [_as_text(row) for row in (written, *rows)]
 
 
 def _add_keys(character: Object) -> None:
