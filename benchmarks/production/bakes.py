@@ -37,6 +37,8 @@ WAVELENGTH, WRONG = 0.2, 0.1
 # Distances of the cage along the normals, in metres, of which the one with the best image is taken: an artist tries
 # them, too.
 CAGES = (0.005, 0.01, 0.02, 0.04, 0.08, 0.16)
+# Distance from its centre, in texels, from which the place that a texel is read at is beyond its triangle.
+ROUNDING = 1e-3
 # Texels beyond the islands that Cycles fills.
 MARGIN = 4
 
@@ -72,7 +74,8 @@ class _Case:
     Attributes:
         row, column: (q,) the texels of the target's atlas, from the bottom.
         truth: (q, 3) their right colors.
-        known: (q,) whether the place is certain; in folds, surfaces that face different ways meet.
+        known: (q,) whether a triangle covers the texel's centre, at a place that is certain; in folds, surfaces that
+            face different ways meet.
     """
 
     def __init__(
@@ -95,9 +98,9 @@ class _Case:
         self.material = _material(colors)
         self.source.data.materials.append(self.material)
         places = truth.surface_map.interpolate(surface.vertices)
-        image, (self.row, self.column, triangle) = _paint(target, _uv_of(self.target), places)
+        image, (self.row, self.column, triangle, covered) = _paint(target, _uv_of(self.target), places)
         self.truth = image[self.row, self.column]
-        self.known: Booleans = truth.known[target.triangles[triangle]].all(axis=1)
+        self.known: Booleans = covered & truth.known[target.triangles[triangle]].all(axis=1)
         self.image = image
 
     def bake(self) -> tuple[Floats, float]:
@@ -167,19 +170,24 @@ def _uv_of(obj: Object) -> Floats:
     return np.asarray(mesh_data.read_layer(obj.data, layer.name, mesh_data.Role.UV_MAP).attribute.values)
 
 
-def _paint(surface: zo.Surface, uv: Floats, places: Floats) -> tuple[Floats, tuple[Integers, Integers, Integers]]:
+def _paint(
+    surface: zo.Surface, uv: Floats, places: Floats
+) -> tuple[Floats, tuple[Integers, Integers, Integers, Booleans]]:
     """(h, w, 3) an image, from the bottom, of the colors of the places (n, 3) at rest of a surface's vertices.
 
-    Also the rows and columns of the texels in its atlas (c, 2), and their triangles.
+    Also the rows and columns of the texels in its atlas (c, 2), their triangles, and whether these cover their centres.
     """
-    texel, triangle, weights = texels_of(uv[surface.triangle_corners], SIZE, SIZE)
+    corners = uv[surface.triangle_corners]
+    texel, triangle, weights = texels_of(corners, SIZE, SIZE)
     at = np.einsum("qc,qcx->qx", weights, places[surface.triangles[triangle]])
     row, column = np.divmod(texel, SIZE)
     image, empty = np.zeros((SIZE, SIZE, 3)), np.ones((SIZE, SIZE), dtype=bool)
     image[row, column] = 0.5 + 0.5 * np.sin(2 * np.pi * at / WAVELENGTH + [0, 1, 2])
     empty[row, column] = False
     nearest = distance_transform_edt(empty, return_distances=False, return_indices=True)
-    return image[tuple(nearest)], (row, column, triangle)
+    centre = (np.column_stack([column, row]) + 0.5) / SIZE
+    covered = np.abs(np.einsum("qc,qcx->qx", weights, corners[triangle]) - centre).max(axis=1) < ROUNDING / SIZE
+    return image[tuple(nearest)], (row, column, triangle, covered)
 
 
 def _material(colors: Floats) -> Material:

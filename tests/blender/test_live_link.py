@@ -328,14 +328,15 @@ def test_what_cannot_be_linked_is_refused_before_anything_is_written(source, tar
     assert snapshot_file() == before
 
 
-def test_a_failure_while_linking_leaves_everything_as_it_was(source, target, monkeypatch):
+@pytest.mark.parametrize("step", ["_store_mixture", "_use"])
+def test_a_failure_while_linking_leaves_everything_as_it_was(source, target, monkeypatch, step):
     add_uv_map(source.data, "UVMap")
     before = snapshot_file()
 
     def fail(*_):
         raise RuntimeError("as if Blender lacked a node")
 
-    monkeypatch.setattr(service.mesh_data.live_link, "_store_mixture", fail)
+    monkeypatch.setattr(service.mesh_data.live_link, step, fail)
     with pytest.raises(RuntimeError):
         keep_linked(bpy.context, target, ["uv_maps"])
     assert snapshot_file() == before
