@@ -34,7 +34,7 @@ from benchmarks.paper import signs as signs_table
 from benchmarks.paper import step_size as step_size_table
 from benchmarks.paper import symmetry as symmetry_tables
 from benchmarks.specimens import table as specimens_table
-from benchmarks.tables import NOT_SHOWN, Tables, as_text
+from benchmarks.tables import NOT_SHOWN, Tables, as_text, write_page
 from benchmarks.timings import peers as peers_table
 from benchmarks.timings import profile as profile_table
 from benchmarks.timings import scale as scale_tables
@@ -291,12 +291,41 @@ def binding(data: Path, pairs: int | None, json_file: Path | None, pictures: Pat
 
 
 @main.command()
+@click.option(
+    "--table",
+    "tables",
+    type=click.Choice(["links", "levels", "bakes", "compression", "loaders"]),
+    multiple=True,
+    help="Make this alone.",
+)
+@click.option("--pictures", type=click.Path(file_okay=False, path_type=Path), help="Draw the bakes here.")
+@click.option(
+    "--node-modules",
+    type=click.Path(exists=True, file_okay=False, path_type=Path),
+    help="Also open files in Babylon.js and three.js, and validate them; see loaders.mjs.",
+)
+@click.option(
+    "--panda",
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    help="Also open files in Panda3D, by this Python program, which has it.",
+)
 @click.option("--json", "json_file", type=click.Path(dir_okay=False, path_type=Path), help="Write it here too.")
-def production(json_file: Path | None) -> None:
-    """Live links beside the operator, levels of detail beside those that Blender makes, and compressed files."""
-    from benchmarks import production as production_table  # it starts Blender
+@click.option("--page", type=click.Path(dir_okay=False, path_type=Path), help="Write the tables to this Markdown file.")
+def production(
+    tables: tuple[str, ...],
+    pictures: Path | None,
+    node_modules: Path | None,
+    panda: Path | None,
+    json_file: Path | None,
+    page: Path | None,
+) -> None:
+    """Live links beside the operator, levels beside Blender's, bakes beside Cycles, and files in other programs."""
+    from benchmarks import production as production_tables  # it starts Blender
 
-    report(production_table.run(), None, json_file)
+    made = production_tables.run(tables or production_tables.TABLES, pictures, node_modules, panda)
+    if page is not None:
+        write_page(made, page)
+    report(made, None, json_file)
 
 
 @main.command()
@@ -318,7 +347,7 @@ def robustness(json_file: Path | None, page: Path | None, pairs: int | None) -> 
 
     tables = robustness_table.run(pairs)
     if page is not None:
-        robustness_table.write_page(tables, page)
+        write_page(tables, page)
     report(tables, None, json_file)
 
 

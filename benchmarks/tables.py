@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any, TypeAlias
 
 from tabulate import tabulate
@@ -23,6 +24,21 @@ def as_text(rows: list[Record]) -> str:
 def as_markdown(rows: list[Record]) -> str:
     """The same as a Markdown table."""
     return _table(rows, "github")
+
+
+def write_page(tables: Tables, path: Path) -> None:
+    """Write the tables into a page, between its paragraphs on them; create the page if it is missing."""
+    text = path.read_text(encoding="utf-8") if path.exists() else "".join(_place(name) for name in tables)
+    for name, rows in tables.items():
+        begin, end = f"<!-- {name} -->\n", f"<!-- end of {name} -->\n"
+        before, _, rest = text.partition(begin)
+        _, _, after = rest.partition(end)
+        text = f"{before}{begin}\n{as_markdown(rows)}\n\n{end}{after}"
+    path.write_text(text, encoding="utf-8")
+
+
+def _place(name: str) -> str:
+    return f"<!-- {name} -->\n<!-- end of {name} -->\n\n"
 
 
 def over(statistic: Callable[[list[float]], Any], records: Sequence[Record], column: str) -> float | None:

@@ -17,7 +17,7 @@ import numpy as np
 import trimesh
 
 from benchmarks.robustness.cases import Mesh, clean, hard_meshes, malformed_files
-from benchmarks.tables import Record, Tables, as_markdown
+from benchmarks.tables import Record, Tables
 
 TOOLS = ("zoomout_core", "pyFMaps", "Data Transfer", "MeshLab")
 # The extensions that each tool can read.
@@ -133,18 +133,3 @@ def _limit() -> None:
     import resource
 
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
-
-
-def write_page(tables: Tables, path: Path) -> None:
-    """Write the tables into a page, between its paragraphs on them; create the page if it is missing."""
-    text = path.read_text(encoding="utf-8") if path.exists() else "".join(_place(name) for name in tables)
-    for name, rows in tables.items():
-        begin, end = f"<!-- {name} -->\n", f"<!-- end of {name} -->\n"
-        before, _, rest = text.partition(begin)
-        _, _, after = rest.partition(end)
-        text = f"{before}{begin}\n{as_markdown(rows)}\n\n{end}{after}"
-    path.write_text(text, encoding="utf-8")
-
-
-def _place(name: str) -> str:
-    return f"<!-- {name} -->\n<!-- end of {name} -->\n\n"

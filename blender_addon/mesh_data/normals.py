@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from bpy.types import Mesh, Object
 
+from zoomout_core.mesh.triangles import unit_vectors
 from zoomout_core.transfer import Attribute, Domain, Kind
 
 from .arrays import read_array
@@ -26,8 +27,7 @@ def read_normals(obj: Object, mesh: Mesh) -> Attribute:
     """The corner normals of a mesh in world space, as displayed."""
     own = read_own_normals(mesh)
     # Normals transform by the inverse transpose; on mirrored objects they point outwards as well.
-    normals = own.values @ np.linalg.inv(np.array(obj.matrix_world)[:3, :3])
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    normals = unit_vectors(own.values @ np.linalg.inv(np.array(obj.matrix_world)[:3, :3]))
     return replace(own, values=normals)
 
 

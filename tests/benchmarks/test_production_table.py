@@ -1,19 +1,44 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The tables of live links and of levels of detail measure each kind of data, and each level."""
+"""The tables of production measure each kind of data, each level, and each way to bake."""
 
 import numpy as np
 import pytest
 
-from benchmarks import production
+from benchmarks.production import bakes, files, levels, links
+
+pytestmark = pytest.mark.slow
 
 
-@pytest.mark.slow
 def test_each_kind_of_data_is_linked_and_equals_the_operator() -> None:
-    tables = production.run(cell=0.04, voxel=0.03, vertices=2000, detailed=0.04)
-    rows = tables["link"]
-    assert [row["data"] for row in rows] == list(production.KINDS)
-    assert all(row["layers"] and row["follows %"] > 40 for row in rows)
-    assert max(row["difference"] for row in rows) < 1e-5
-    levels = tables["lods"]
-    assert [row["share"] for row in levels] == list(np.repeat(production.RATIOS, 2))
-    assert all(0 < row["rest %"] < row["posed %"] < 2 for row in levels)
+    rows = links.link_each_kind(cell=0.04, voxel=0.03, vertices=2000)
+    assert [row["data"] for row in rows[:-2]] == list(links.KINDS)
+    assert all(row["layers"] and row["follows %"] > 40 and row["frames/s"] > 1 for row in rows[:-1])
+    assert max(row["difference"] for row in rows[:-1]) < 1e-5
+    assert rows[-1]["layers"] == rows[-3]["layers"]
+
+
+def test_levels_are_near_their_geometry_alone() -> None:
+    ratios = 0.5, 0.25
+    rows = levels.levels_beside_blender(0.04, ratios)
+    assert [row["share"] for row in rows] == list(np.repeat(ratios, 2))
+    ours, theirs = rows[::2], rows[1::2]
+    assert all(0 < row["rest %"] < row["posed %"] < 2 for row in rows)
+    assert all(1 < row["to made posed"] < other["to made posed"] for row, other in zip(ours, theirs, strict=True))
+    assert all(row["to exact weights"] < 1.1 for row in ours)
+
+
+def test_bakes_are_ahead_of_cycles_where_poses_differ(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(bakes, "SIZE", 128)
+    monkeypatch.setattr(bakes, "CAGES", (0.02, 0.04))
+    rows = bakes.bake_both(0.04, 0.03, 2000)
+    assert [row["pose"] for row in rows] == ["the same", "the same", "another", "another"]
+    assert rows[2]["wrong texels %"] < rows[3]["wrong texels %"] / 2
+    assert rows[0]["wrong texels %"] < 20
+
+
+def test_files_are_read_elsewhere() -> None:
+    written, *rows = files.open_elsewhere(0.04)
+    plain = [row for row in rows if row["file"] == "plain.glb"]
+    assert {row["reader"] for row in plain} == set(files.READERS)
+    assert all(row["triangles"] == written["triangles"] for row in plain)
+    assert all(row["targets"] == "Smile, Look Up" for row in plain if row["reader"] != "trimesh")

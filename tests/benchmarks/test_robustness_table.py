@@ -10,6 +10,7 @@ import pytest
 
 from benchmarks import robustness
 from benchmarks.robustness.cases import clean, hard_meshes, malformed_files
+from benchmarks.tables import write_page
 
 pytestmark = pytest.mark.slow
 
@@ -49,7 +50,7 @@ def test_a_process_that_does_not_end_is_ended(tmp_path: Path, monkeypatch: pytes
 def test_a_page_keeps_what_is_said_between_its_tables(tmp_path: Path) -> None:
     page = tmp_path / "page.md"
     page.write_text("Before.\n\n<!-- sums -->\nold\n<!-- end of sums -->\n\nAfter.\n")
-    robustness.write_page({"sums": [{"tool": "ours", "right": 3}]}, page)
+    write_page({"sums": [{"tool": "ours", "right": 3}]}, page)
     text = page.read_text()
     assert text.startswith("Before.\n\n<!-- sums -->\n\n|")
     assert text.endswith("<!-- end of sums -->\n\nAfter.\n")

@@ -221,6 +221,13 @@ def test_custom_normals_turn_with_the_target(source, target, placed):
     assert not edge_array(target.data, "use_edge_sharp").any()
 
 
+def test_normals_of_faces_that_cancel_are_zero():
+    mesh = bpy.data.meshes.new("Both")
+    mesh.from_pydata([(0, 0, 0), (1, 0, 0), (0, 1, 0)], [], [(0, 1, 2), (0, 2, 1)])
+    mesh.shade_smooth()
+    np.testing.assert_array_equal(mesh_data.read_normals(bpy.data.objects.new("Both", mesh), mesh).values, 0)
+
+
 def test_marks_that_the_target_has_stay_if_only_missing_ones_are_wanted_or_a_mask_says_so(source, target):
     source.data.edges.foreach_set("use_seam", mark_equator(source.data))
     own = positions(target.data)[ends(target.data)][:, :, 2].mean(axis=1) > 0.4

@@ -227,6 +227,48 @@ def test_a_link_survives_saving_appending_and_linking(source, target, tmp_path):
     assert "UVMap" in visible(target)
 
 
+@pytest.mark.parametrize("whole", [True, False], ids=["collection", "target alone"])
+def test_a_link_survives_library_overrides(source, target, tmp_path, whole):
+    """A target that is overridden follows the source, which is edited in its own file."""
+    add_uv_map(source.data, "UVMap")
+    keep_linked(bpy.context, target, ["uv_maps"])
+    hero = bpy.data.collections.new("Hero")
+    bpy.context.scene.collection.children.link(hero)
+    for obj in (source, target):
+        hero.objects.link(obj)
+    library, scene = str(tmp_path / "hero.blend"), str(tmp_path / "scene.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=library)
+
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    with bpy.data.libraries.load(library, link=True) as (_, into):
+        into.collections, into.objects = (["Hero"], []) if whole else ([], ["Target"])
+    if whole:
+        into.collections[0].override_hierarchy_create(bpy.context.scene, bpy.context.view_layer)
+    else:
+        bpy.context.scene.collection.objects.link(into.objects[0].override_create())
+    before = visible(overridden("Target"))["UVMap"]
+    bpy.ops.wm.save_as_mainfile(filepath=scene)
+
+    bpy.ops.wm.open_mainfile(filepath=library)
+    uv = values(bpy.data.objects["Source"].data, "UVMap") + np.float32(0.25)
+    bpy.data.objects["Source"].data.attributes["UVMap"].data.foreach_set("vector", uv.ravel())
+    bpy.ops.wm.save_mainfile()
+
+    bpy.ops.wm.open_mainfile(filepath=scene)
+    target = overridden("Target")
+    np.testing.assert_allclose(visible(target)["UVMap"], before + 0.25, atol=1e-5)
+    followed = link_modifier(target).node_group.nodes["Object Info"].inputs["Object"].default_value
+    assert (followed.override_library is not None) == whole
+    assert link_of(target)["source"] == "Source"
+    with pytest.raises(zo.MeshError, match="linked from another file" if whole else "no source"):
+        update_linked(bpy.context, target)
+
+
+def overridden(name):
+    """The library override with a name."""
+    return next(obj for obj in bpy.data.objects if obj.name == name and obj.override_library)
+
+
 def check_follows(source, target):
     before = visible(target)["UVMap"]
     uv = values(source.data, "UVMap") + np.float32(0.25)
@@ -286,14 +328,15 @@ def test_what_cannot_be_linked_is_refused_before_anything_is_written(source, tar
     assert snapshot_file() == before
 
 
-def test_a_failure_while_linking_leaves_everything_as_it_was(source, target, monkeypatch):
+@pytest.mark.parametrize("step", ["_store_mixture", "_use"])
+def test_a_failure_while_linking_leaves_everything_as_it_was(source, target, monkeypatch, step):
     add_uv_map(source.data, "UVMap")
     before = snapshot_file()
 
     def fail(*_):
         raise RuntimeError("as if Blender lacked a node")
 
-    monkeypatch.setattr(service.mesh_data.live_link, "_store_mixture", fail)
+    monkeypatch.setattr(service.mesh_data.live_link, step, fail)
     with pytest.raises(RuntimeError):
         keep_linked(bpy.context, target, ["uv_maps"])
     assert snapshot_file() == before

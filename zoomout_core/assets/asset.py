@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,6 +12,7 @@ from scipy.sparse import csr_array
 
 from zoomout_core.arrays import Floats, Integers, segment_sum
 from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.triangles import unit_vectors
 from zoomout_core.runtime.summary import Summary
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 from zoomout_core.transfer.rigging.skinning import blend_matrices
@@ -132,6 +133,26 @@ def to_rest(seen: Floats, weights: csr_array, transforms: Floats) -> tuple[Float
     scale = float(np.cbrt(np.abs(np.linalg.det(transforms[:, :3, :3])).mean()))
     rest, linear, _ = inverse_skinning(seen, blend_matrices(transforms[:, :3], weights), scale)
     return rest, linear
+
+
+def at_rest(asset: Asset) -> Asset:
+    """The asset in the rest pose of its joints, with its normals and shape keys in that pose."""
+    skin = asset.skin
+    if skin is None:
+        return asset
+    attributes = []
+    for each in asset.attributes:
+        values = np.asarray(each.values)
+        if each.name == SHAPE_KEYS:
+            each = replace(each, values=np.einsum("nxy,nky->nkx", skin.linear, values))
+        elif each.name == NORMALS:
+            inverse = np.linalg.pinv(skin.linear)[asset.surface.corner_vertex]
+            each = replace(each, values=unit_vectors(np.einsum("cyx,cy->cx", inverse, values)))
+        attributes.append(each)
+    still = np.tile(np.eye(4), (len(skin.names), 1, 1))
+    linear = np.tile(np.eye(3), (len(skin.rest), 1, 1))
+    rest = replace(skin, transforms=still, linear=linear)
+    return replace(asset, surface=asset.surface.with_vertices(skin.rest), attributes=tuple(attributes), skin=rest)
 
 
 def kind_of(attribute: Attribute) -> str:

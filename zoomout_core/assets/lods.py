@@ -17,7 +17,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from zoomout_core.arrays import Booleans, Floats, Integers
-from zoomout_core.assets.asset import MATERIALS, NORMALS, SHAPE_KEYS, UV, Asset, on_corners
+from zoomout_core.assets.asset import MATERIALS, NORMALS, SHAPE_KEYS, UV, Asset, at_rest, on_corners
 from zoomout_core.assets.fit_level import fit_level
 from zoomout_core.geometry.closest_points import SurfaceSearch
 from zoomout_core.maps.surface_map import SurfaceMap, interpolation_matrix
@@ -42,7 +42,7 @@ MOVED, MAX_KEY_POSES = 0.02, 6
 # this number. Half of the poses raise the errors by 1 %.
 MAX_POSED, MIN_POSES = 400_000, 4
 # Points of the asset, per vertex of a level, that the level is fitted to.
-FITTED = 8
+FITTED = 24
 # Digits of texture coordinates; smaller differences are rounding.
 UV_DIGITS = 5
 # Vertices of a level, relative to those wanted, from which a note says why.
@@ -138,26 +138,6 @@ def with_level_names(asset: Asset, level: int) -> Asset:
         if each.name:
             each.name = f"{each.name}_LOD{level}"
     return replace(asset, document=document, look=document if asset.look is asset.document else asset.look)
-
-
-def at_rest(asset: Asset) -> Asset:
-    """The asset in the rest pose of its joints, with its normals and shape keys in that pose."""
-    skin = asset.skin
-    if skin is None:
-        return asset
-    attributes = []
-    for each in asset.attributes:
-        values = np.asarray(each.values)
-        if each.name == SHAPE_KEYS:
-            each = replace(each, values=np.einsum("nxy,nky->nkx", skin.linear, values))
-        elif each.name == NORMALS:
-            inverse = np.linalg.pinv(skin.linear)[asset.surface.corner_vertex]
-            each = replace(each, values=unit_vectors(np.einsum("cyx,cy->cx", inverse, values)))
-        attributes.append(each)
-    still = np.tile(np.eye(4), (len(skin.names), 1, 1))
-    linear = np.tile(np.eye(3), (len(skin.rest), 1, 1))
-    rest = replace(skin, transforms=still, linear=linear)
-    return replace(asset, surface=asset.surface.with_vertices(skin.rest), attributes=tuple(attributes), skin=rest)
 
 
 def _level(

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from zoomout_core.arrays import Floats, Integers
-from zoomout_core.assets.asset import MATERIALS, WEIGHTS, Asset, kind_of
+from zoomout_core.assets.asset import MATERIALS, WEIGHTS, Asset, at_rest, kind_of
 from zoomout_core.assets.stored_map import digest_of, follow_triangles, same_triangles
 from zoomout_core.assets.transfer_asset import KINDS, TransferredAsset, skin_weights, transfer_asset
 from zoomout_core.mesh.surface import MeshError, Surface
@@ -50,7 +50,9 @@ def update_asset(before: Asset, now: Asset, derived: Asset, kinds: Collection[st
         )
     if stored.source != digest_of(before.surface):
         raise MeshError("Its stored map is of another source: check which file was the source.")
-    moved = replace(follow_triangles(stored, rest_surface(before), rest_surface(now)), source=digest_of(now.surface))
+    moved = replace(
+        follow_triangles(stored, at_rest(before).surface, at_rest(now).surface), source=digest_of(now.surface)
+    )
     changed = changed_kinds(before, now, [kind for kind in kinds if kind in stored.kinds])
     updated, received, notes = derived, list[str](), list[str]()
     match = moved.on(now.surface)
@@ -81,10 +83,13 @@ def _weight_limit(before: Asset, derived: Asset) -> int | None:
 def changed_kinds(before: Asset, now: Asset, kinds: Collection[str]) -> list[str]:
     """The kinds of data, of some kinds, that differ between two states of an asset, in the order of `KINDS`.
 
+    They are compared in the rest pose of their joints: another pose in the file changes no shape keys and no normals.
+
     Raises:
         MeshError: the two have no triangle in common.
     """
-    triangle, position = same_triangles(rest_surface(before), rest_surface(now))
+    before, now = at_rest(before), at_rest(now)
+    triangle, position = same_triangles(before.surface, now.surface)
     kept = triangle >= 0
     if not kept.any():
         raise MeshError("The two sources have no triangle in common: transfer the data again, with a new match.")
@@ -94,11 +99,6 @@ def changed_kinds(before: Asset, now: Asset, kinds: Collection[str]) -> list[str
     )
     compared = {MATERIALS: _materials_differ, WEIGHTS: _weights_differ}
     return [kind for kind in KINDS if kind in kinds and compared.get(kind, _differs(kind))(before, now, corners)]
-
-
-def rest_surface(asset: Asset) -> Surface:
-    """The surface of an asset in the rest pose of its joints, which does not change with its weights."""
-    return asset.surface if asset.skin is None else asset.surface.with_vertices(asset.skin.rest)
 
 
 def _differs(kind: str) -> Callable[[Asset, Asset, Corners], bool]:

@@ -84,6 +84,7 @@ def simplify(
     state = _State(poses, triangles, layers[0] if len(layers) else np.zeros_like(triangles), mirror, chart)
     fewer = max(len(layers) - 1, 0)
     steps = [(fewer, DISTANCES[0]), *((kept, DISTANCES[1]) for kept in range(fewer, -1, -1))]
+    state.mirror_diagonals(layers)
     state.set_lines(layers, DISTANCES[0])
     first = max(state.count_vertices(), counts[0] + 1)
     found = []
@@ -124,13 +125,13 @@ class _State:
         self.places = np.ascontiguousarray(((poses - centre) / size).transpose(1, 0, 2))  # (n, p, 3)
         self.weight = np.full(len(poses), SIMPLIFICATION.poses / max(len(poses) - 1, 1))
         self.weight[0] = 1.0
-        self.corner_count = triangles.size
+        self.corner_count, self.vertex_of_corner = triangles.size, triangles.ravel()
         whole = (triangles != np.roll(triangles, 1, axis=1)).all(axis=1)
         self.alive = np.flatnonzero(whole)
         self.triangles = triangles[whole].copy()
         self.corners = np.arange(triangles.size).reshape(-1, 3)[whole]
         self.content, self.layer = self.corners.copy(), layer.ravel()
-        self.mirror = mirror
+        self.mirror = None if mirror is None else mirror.copy()
         self.chart = None if chart is None else chart.reshape(-1, 2)
         # The mesh at first, and the vertex that each vertex was merged into.
         self.first = self.triangles.copy(), self.corners.copy()
@@ -145,11 +146,7 @@ class _State:
 
         Quadrics are summed again, so that lines of other layers no longer count.
         """
-        self.distance = distance
-        self.wedge = np.zeros(self.corner_count, dtype=np.int64)
-        for layer in layers:
-            key = self.wedge * (int(layer.max(initial=0)) + 1) + layer.ravel()
-            self.wedge = np.unique(key, return_inverse=True)[1].ravel()
+        self.distance, self.wedge = distance, self._combine(layers)
         self.content_wedge = self.wedge if len(layers) else self.layer
         self.quadrics = np.zeros((*self.places.shape[:2], 10))
         self._add_triangles()
@@ -160,6 +157,64 @@ class _State:
         self.area = self.quadrics[..., :6][..., ROWS == COLUMNS].sum(axis=(1, 2))
         self.known = _Costs(np.zeros(0, dtype=np.int64), np.zeros((0, 2)), np.zeros((0, 2), dtype=bool))
         self.changed = self.touched = np.ones(len(self.quadrics), dtype=bool)
+
+    def _combine(self, layers: Sequence[Integers]) -> Integers:
+        """(3 m,) numbers of the data of the corners in all of these layers (m, 3)."""
+        wedge = np.zeros(self.corner_count, dtype=np.int64)
+        for layer in layers:
+            key = wedge * (int(layer.max(initial=0)) + 1) + layer.ravel()
+            wedge = np.unique(key, return_inverse=True)[1].ravel()
+        return wedge
+
+    def mirror_diagonals(self, layers: Sequence[Integers]) -> None:
+        """Make the mesh as symmetric as its vertices, as edges without a mirror image are never collapsed.
+
+        Where an image is missing because the quad there is divided along its other diagonal, the longer one of the two
+        diagonals is flipped: programs divide quads alike on both sides. Ends of edges that still have no image, or a
+        seam of the layers on one side only, are treated independently.
+        """
+        if self.mirror is None:
+            return
+        wedge = self._combine(layers)
+        edges = _Edges(self.triangles, wedge[self.corners], len(self.places))
+        quads = _Quads(self.triangles, edges)
+        image = self.mirror[quads.vertices]
+        paired = np.flatnonzero((image >= 0).all(axis=1))
+        image = image[paired]
+        other = edges.find(image[:, 1], image[:, 3])
+        missing = (edges.find(image[:, 0], image[:, 2]) < 0) & (other >= 0)
+        one, other = paired[missing], quads.of_edge[other[missing]]
+        there = np.sort(quads.vertices[other][:, 1::2], axis=1)
+        same = (other >= 0) & (one < other) & (there == np.sort(image[missing][:, ::2], axis=1)).all(axis=1)
+        one, other = one[same], other[same]
+        ends = self.places[quads.vertices[:, ::2], 0]
+        length = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)
+        flipped = np.where(length[one] > length[other], one, other)
+        flipped = flipped[quads.touch_once(flipped, len(self.triangles))]
+        first, second = quads.triangles[flipped].T
+        a, b, c, d = (quads.corners_of(self.corners, flipped)[:, place] for place in range(4))
+        if self.chart is not None:
+            areas = [_signed_areas(self.chart[np.stack(each, axis=1)]) for each in ((a, b, d), (b, c, d))]
+            before = _signed_areas(self.chart[np.stack((a, c, d), axis=1)])
+            kept = (areas[0] * before > 0) & (areas[1] * before > 0)
+            first, second, a, b, c, d = (each[kept] for each in (first, second, a, b, c, d))
+        for triangle, corners in ((first, (a, b, d)), (second, (b, c, d))):
+            self.corners[triangle] = np.stack(corners, axis=1)
+        self.triangles = self.vertex_of_corner[self.corners]
+        self.content = self.corners.copy()
+        self.first = self.triangles.copy(), self.corners.copy()
+        edges = _Edges(self.triangles, wedge[self.corners], len(self.places))
+        image = np.where(self.mirror[edges.ends].min(axis=1) >= 0, edges.find(*self.mirror[edges.ends].T), -1)
+        uneven = (image < 0) | (edges.is_line != edges.is_line[image])
+        self._unpair(edges.ends[uneven].ravel())
+
+    def _unpair(self, vertices: Integers) -> None:
+        """Treat vertices, of which -1 is none, and their mirror images independently from now on."""
+        assert self.mirror is not None
+        vertices = vertices[vertices >= 0]
+        images = self.mirror[vertices]
+        self.mirror[images[images >= 0]] = -1
+        self.mirror[vertices] = -1
 
     def ignore_mirror(self) -> None:
         """Treat mirror images independently from now on."""
@@ -421,6 +476,8 @@ class _State:
         goal = np.arange(len(self.into))
         goal[tail] = head
         self.into = goal[self.into]
+        if self.mirror is not None:  # images of vertices that are gone without theirs
+            self._unpair(np.setdiff1d(self.mirror[tail], tail))
         heads = np.unique(head)
         self.own[heads] = self._products(heads, heads)
         self.changed[heads] = True
@@ -556,6 +613,50 @@ class _Edges:
         """The neighbours of each vertex."""
         order, start = _group(self.ends.T.ravel(), self.n)
         return _Lists(self.ends[:, ::-1].T.ravel()[order], start)
+
+
+class _Quads:
+    """The q pairs of triangles (m, 3) that have an edge in common, which is no line.
+
+    Attributes:
+        triangles: (q, 2) their numbers.
+        vertices: (q, 4) the vertices around the quad that they make; the edge is between the first and the third one.
+        of_edge: (e,) the quad of each edge, -1 for none.
+    """
+
+    def __init__(self, triangles: Integers, edges: _Edges) -> None:
+        count = len(triangles)
+        half, start = _group(edges.of_half, len(edges.ends))
+        edge = np.flatnonzero((np.diff(start) == 2) & ~edges.is_line)
+        pair = half[start[edge][:, None] + [0, 1]]
+        side, self.triangles = np.divmod(pair, count)
+        # The places, in each triangle, of the tail and the head of its side, and of the vertex beyond.
+        (tail, back), (head, _), (beyond, before) = ((side + step).T % 3 for step in range(3))
+        first, second = self.triangles.T
+        self._places = np.stack([tail, before, head, beyond], axis=1)
+        self.vertices = triangles[self._owners, self._places]
+        turned = triangles[second, back] != triangles[first, head]  # the two face different sides
+        self.triangles, self._places = self.triangles[~turned], self._places[~turned]
+        self.vertices = self.vertices[~turned]
+        self.of_edge = np.full(len(edges.ends), -1)
+        self.of_edge[edge[~turned]] = np.arange(len(self.vertices))
+
+    @property
+    def _owners(self) -> Integers:
+        """(q, 4) the triangle in which each vertex is looked up."""
+        return self.triangles[:, [0, 1, 0, 0]]
+
+    def corners_of(self, corners: Integers, chosen: Integers) -> Integers:
+        """(k, 4) the corners, of those (m, 3) of the triangles, of chosen quads (k,)."""
+        return np.asarray(corners[self._owners[chosen], self._places[chosen]])
+
+    def touch_once(self, chosen: Integers, count: int) -> Booleans:
+        """(k,) which of these quads have no triangle, of `count` ones, that an earlier one of them has."""
+        order = np.arange(len(chosen))
+        owner = np.full(count, len(chosen))
+        for each in self.triangles[chosen].T:
+            np.minimum.at(owner, each, order)
+        return np.asarray((owner[self.triangles[chosen]] == order[:, None]).all(axis=1))
 
 
 def _group(keys: Integers, count: int) -> tuple[Integers, Integers]:

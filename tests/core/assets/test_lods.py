@@ -15,10 +15,10 @@ from scipy.spatial import ConvexHull
 from skinned_tubes import LENGTH, write_tube
 
 import zoomout_core as zo
-from zoomout_core.assets.asset import NORMALS, SHAPE_KEYS, Asset, Skin
+from zoomout_core.assets.asset import NORMALS, SHAPE_KEYS, Asset, Skin, at_rest
 from zoomout_core.assets.files import read_asset, write_asset
 from zoomout_core.assets.fit_level import LEVEL_FIT
-from zoomout_core.assets.lods import Level, at_rest, make_lods, with_fewer_weights
+from zoomout_core.assets.lods import Level, make_lods, with_fewer_weights
 from zoomout_core.cli import main
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.mesh.mirror_pairs import mirror_pairs

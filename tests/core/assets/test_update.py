@@ -12,6 +12,7 @@ import pytest
 from click.testing import CliRunner
 from creatures import creature
 from scipy.sparse import csr_array
+from skinned_tubes import write_tube
 
 import zoomout_core as zo
 from zoomout_core.assets.asset import SHAPE_KEYS, Asset
@@ -173,6 +174,20 @@ def test_what_did_not_change_is_not_transferred(made: Path, tmp_path: Path) -> N
     code, said = run("update", made / "old.glb", made / "old.glb", made / "scan.glb", "-o", tmp_path / "out.glb")
     assert code == 1
     assert "there is nothing to update" in said
+
+
+@pytest.mark.parametrize("paint", [False, True])
+def test_another_pose_of_the_file_is_no_change(paint: bool, tmp_path: Path) -> None:
+    """In the pose of the file, shape keys turn with the joints, also by new weights."""
+    write_tube(tmp_path / "straight.glb")
+    write_tube(tmp_path / "bent.glb", bend=1.0)
+    before, now = read_asset(tmp_path / "straight.glb"), read_asset(tmp_path / "bent.glb")
+    if paint:
+        assert now.skin is not None
+        weights = csr_array(now.skin.weights[:, [1, 0]])
+        write_asset(replace(now, skin=replace(now.skin, weights=weights)), tmp_path / "painted.glb")
+        now = read_asset(tmp_path / "painted.glb")
+    assert changed_kinds(before, now, ["uv", "shape keys", "weights"]) == (["weights"] if paint else [])
 
 
 def test_what_cannot_be_updated_is_said_in_a_sentence(made: Path, tmp_path: Path) -> None:
