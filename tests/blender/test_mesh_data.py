@@ -251,6 +251,12 @@ def test_a_concave_polygon_is_triangulated_inside_its_outline():
     assert surface.area == pytest.approx(5)
 
 
+@pytest.mark.parametrize("faces", [[(0, 1, 2), (0, 2, 3), (0, 3, 5)], [(0, 1, 2), (0, 2, 3, 5)]])
+def test_faces_of_any_size_begin_where_blender_has_them(faces):
+    mesh = from_pydata("L", L_SHAPE, faces).data
+    np.testing.assert_array_equal(mesh_data.read_faces(mesh).start, [face.loop_start for face in mesh.polygons])
+
+
 def test_a_target_keeps_its_own_topology_where_modifiers_only_move_it():
     target = ellipsoid("Target", 2)
     cast = target.modifiers.new("Cast", "CAST")

@@ -22,10 +22,11 @@ def test_nothing_heavy_is_imported_before_it_is_used() -> None:
     assert not heavy & loaded
 
 
-def test_parts_of_scipy_that_few_maps_need_wait_for_these() -> None:
-    loaded = set(python("import sys, zoomout_core as zo; zo.match; zo.transfer; print(*sys.modules)").split())
+def test_packages_that_few_maps_need_wait_for_these() -> None:
+    uses = "zo.match; zo.transfer; zo.transfer_asset; import zoomout_core.transfer.uv.bake"
+    loaded = set(python(f"import sys, zoomout_core as zo; {uses}; print(*sys.modules)").split())
     assert "scipy.sparse" in loaded
-    assert not {"scipy.optimize", "scipy.ndimage", "matplotlib"} & loaded
+    assert not {"scipy.optimize", "scipy.ndimage", "scipy.cluster", "matplotlib"} & loaded
 
 
 def test_a_function_keeps_its_name_where_a_room_has_it() -> None:

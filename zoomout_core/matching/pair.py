@@ -18,6 +18,9 @@ from zoomout_core.mesh.surface import LARGEST_COORDINATE, MeshError, Surface, me
 from zoomout_core.messages import as_message, message
 
 REPEATED = "Landmark {number} is the same pair as landmark {original}: it counts once."
+# A landmark is on the surface if it is this near to it, at unit area, which is rounding in single precision: then the
+# search, which takes longer than the rest of a first look at kept shapes, ends at the nearest vertex.
+ON_SURFACE = 1e-6
 # A landmark is rejected if it is farther than this from its surface, at unit area.
 MAX_LANDMARK_DISTANCE = 0.05
 # A landmark on a loose part is on the main part if that is within this distance, at unit area: lashes touch the lids.
@@ -184,10 +187,11 @@ def on_surface(role: str, surface: Surface, points: Floats) -> tuple[Integers, F
             f"shape {points.shape}."
         )
     near = np.where(measurable(points)[:, None], points, LARGEST_COORDINATE)  # or squares overflow
-    triangle, barycentric = closest_points(near, surface.vertices, surface.triangles)
+    unit = float(np.sqrt(surface.area))
+    triangle, barycentric = closest_points(near, surface.vertices, surface.triangles, ON_SURFACE * unit)
     corners = surface.triangles[triangle]
     distance = np.linalg.norm(np.einsum("mc,mcx->mx", barycentric, surface.vertices[corners]) - near, axis=1)
-    off = np.flatnonzero(distance > MAX_LANDMARK_DISTANCE * np.sqrt(surface.area))
+    off = np.flatnonzero(distance > MAX_LANDMARK_DISTANCE * unit)
     if len(off):
         fault = message(
             "at {point}, is {distance:.3g} away from its surface: give points in the mesh's own coordinates and units.",

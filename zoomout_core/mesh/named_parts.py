@@ -60,7 +60,9 @@ def name_parts(
     looks, look = np.unique([*materials, ""], return_inverse=True)
     count = len(source.triangles)
     name, material = np.broadcast_to(number[object_of], count), np.broadcast_to(look[material_of], count)
-    loose = np.where((name == 0) & (material == 0), source.components[source.triangles[:, 0]], 0)
+    loose, unnamed = np.zeros(count, dtype=np.int64), (name == 0) & (material == 0)
+    if unnamed.any():  # computing the components may take longer than all else before a first look at a match
+        loose[unnamed] = source.components[source.triangles[unnamed, 0]]
     shape = len(names), len(looks), int(loose.max()) + 1
     keys, part = np.unique(np.ravel_multi_index((name, material, loose), shape), return_inverse=True)
     found = np.stack(np.unravel_index(keys, shape), axis=1).tolist()

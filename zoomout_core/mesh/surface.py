@@ -421,25 +421,25 @@ def _check_faces(vertices: Floats, corner_vertex: Integers, face_start: Integers
             f"A face refers to vertex {corner_vertex[wrong]}, but the mesh has {len(vertices)} vertices, numbered "
             "from 0."
         )
-    broken = np.unique(corner_vertex[~measurable(vertices)[corner_vertex]])
-    if len(broken):
+    usable = measurable(vertices)
+    if not usable.all() and len(broken := np.unique(corner_vertex[~usable[corner_vertex]])):
         raise MeshError(
             "{count:,} vertices have coordinates that are not finite or far too large (the first is "
             "vertex {vertex}): remove or repair them.",
             count=len(broken),
             vertex=broken[0],
         )
-    _check_distances(vertices[corner_vertex], corner_vertex, face_start)
+    _check_distances(vertices, corner_vertex, face_start)
 
 
-def _check_distances(corners: Floats, corner_vertex: Integers, face_start: Integers) -> None:
+def _check_distances(vertices: Floats, corner_vertex: Integers, face_start: Integers) -> None:
     """Reject faces between vertices that are close together and vertices that are extremely far away."""
-    some = corners[:: 1 + len(corners) // MANY]
+    some = vertices[corner_vertex[:: 1 + len(corner_vertex) // MANY]]
     middle = np.median(some, axis=0)
     farthest = FARTHEST * np.median(np.linalg.norm(some - middle, axis=1))
-    if farthest == 0 or np.abs(corners - middle).max() <= farthest:
+    if farthest == 0 or np.abs(vertices - middle).max() <= farthest:
         return
-    far = np.linalg.norm(corners - middle, axis=1) > farthest
+    far = np.linalg.norm(vertices[corner_vertex] - middle, axis=1) > farthest
     sizes = np.diff(face_start)
     partly = np.add.reduceat(far, face_start[:-1], dtype=np.int64) < sizes
     astray = np.unique(corner_vertex[far & np.repeat(partly, sizes)])

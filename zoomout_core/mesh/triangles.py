@@ -116,8 +116,9 @@ def edge_lengths(points: Floats, edges: Integers) -> Floats:
 
 def components(pairs: Integers, n: int) -> Indices:
     """(n,) the number of each vertex's connected component, from connected pairs (e, 2)."""
-    # Other types of values would be converted.
-    graph = coo_array((np.ones(len(pairs)), np.ascontiguousarray(pairs.T)), shape=(n, n))
+    # Other types of values and numbers would be converted.
+    graph = coo_array((np.ones(len(pairs)), np.ascontiguousarray(pairs.T, dtype=np.int32)), shape=(n, n))
+    graph.has_canonical_format = True  # or pairs would be sorted and repeated ones added up, in as much time again
     return np.asarray(connected_components(graph, directed=False)[1])
 
 

@@ -59,6 +59,8 @@ class WorkingMesh:
     @cached_property
     def oriented_triangles(self) -> Integers:
         """(m, 3) the triangles, all wound so that their normals point outwards."""
+        if not self.flipped.any():  # as usual
+            return self.triangles
         return np.where(self.flipped[:, None], self.triangles[:, [0, 2, 1]], self.triangles)
 
     @cached_property

@@ -27,8 +27,10 @@ def _parts_of(sources: Sequence[EvaluatedObject], surface: zo.Surface) -> NamedP
     numbers = []
     for source in sources:
         names = [slot.material.name if slot.material else "" for slot in source.original.material_slots] or [""]
-        slot = read_array(source.mesh.polygons, "material_index", np.int32)
-        numbers.append(len(materials) + np.clip(slot, 0, len(names) - 1))
+        slot = np.zeros(len(source.mesh.polygons), dtype=np.int32)
+        if len(names) > 1:
+            slot = np.clip(read_array(source.mesh.polygons, "material_index", np.int32), 0, len(names) - 1)
+        numbers.append(len(materials) + slot)
         materials += names
     objects = np.repeat(np.arange(len(sources)), [len(each) for each in numbers])
     face = surface.triangle_face

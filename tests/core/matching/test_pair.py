@@ -11,6 +11,7 @@ from creatures import Creature, creature, true_vertex
 from scipy.spatial import cKDTree
 
 import zoomout_core as zo
+from zoomout_core.geometry.closest_points import SurfaceSearch
 from zoomout_core.matching.hypotheses.given import given_hypothesis
 from zoomout_core.matching.pair import (
     LandmarkError,
@@ -63,6 +64,16 @@ def test_a_point_inside_a_face_goes_to_the_nearest_vertex(pair: Pair) -> None:
         _, found = landmarks_on_parts(pair, (np.arange(len(points)), points))
         distance = np.linalg.norm(pair.target.vertices - inside[:, None], axis=2)
         np.testing.assert_allclose(distance[np.arange(len(points)), found], distance.min(axis=1), rtol=0.1)
+
+
+def test_points_on_the_surface_need_no_search_beyond_the_nearest_vertex(pair: Pair, monkeypatch) -> None:
+    corners = pair.target.triangles[::500]
+    inside = np.einsum("c,mcx->mx", [0.2, 0.1, 0.7], pair.target.vertices[corners]).astype(np.float32).astype(float)
+    monkeypatch.delattr(SurfaceSearch, "_groups")
+    _, found = landmarks_on_parts(pair, (np.arange(len(inside)), inside))
+    np.testing.assert_array_equal(found, corners[:, 2])
+    with pytest.raises(AttributeError):
+        landmarks_on_parts(pair, (np.arange(len(inside)), inside + 1e-3))
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 import zoomout_core as zo
 from zoomout_core.mesh.named_parts import name_parts
@@ -46,3 +47,8 @@ def test_objects_and_materials_of_one_name_are_one_part() -> None:
 def test_loose_parts_without_names_have_numbers() -> None:
     assert labels() == ["part 0"] * COUNT + ["part 1"] * COUNT
     assert labels(materials=["Skin"], material_of=np.where(OBJECT == 0, 0, -1)) == ["Skin"] * COUNT + ["part 1"] * COUNT
+
+
+def test_the_loose_parts_of_named_objects_are_not_computed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delattr(zo.Surface, "components")
+    assert labels(["Body", "Hat"], OBJECT) == ["Body"] * COUNT + ["Hat"] * COUNT

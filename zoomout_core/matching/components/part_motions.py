@@ -15,7 +15,6 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from scipy.cluster.hierarchy import fcluster, linkage
 from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
@@ -205,6 +204,8 @@ def _divide(vertex: Integers, part: Integers, points: Floats, motion: Similarity
 
     Returns the vertices (k,) of pieces that are large enough, and their pieces (k,), ascending.
     """
+    from scipy.cluster.hierarchy import fcluster, linkage  # on first use: few shapes need it
+
     features = np.column_stack([TURN_WEIGHT * motion.rotations(points).reshape(-1, 9), points])
     clusters = np.zeros(len(vertex), dtype=np.int64)
     for number in np.unique(part):

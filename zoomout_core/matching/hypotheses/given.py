@@ -8,21 +8,20 @@ from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Floats, Integers
-from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.maps.functional_map import functional_map_of, vertex_map_of
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.maps.zoomout import check_start
 from zoomout_core.matching.hypotheses.hypothesis import HYPOTHESES, Hypothesis
-from zoomout_core.matching.pair import Pair, positions_of_part
+from zoomout_core.matching.pair import Pair, positions_of_part, target_in_space
 from zoomout_core.spectral.eigenbasis import eigenbasis
 
 
 def proximity_hypothesis(pair: Pair) -> Hypothesis:
     """Each target vertex corresponds to the nearest point of the source in their common frame."""
-    part = pair.source_shape.proxy.full
-    target_positions = positions_of_part(pair.target, pair.target_shape)[pair.target_shape.proxy.full_vertex]
-    place = closest_points(target_positions, positions_of_part(pair.source, pair.source_shape), part.triangles)
-    return _pointwise("nearest points in space", SurfaceMap(*place, part.triangles).interpolate(part.vertices), pair)
+    proxy = pair.source_shape.proxy
+    places = target_in_space(pair)[pair.target_shape.proxy.full_vertex]
+    nearest = SurfaceMap(*proxy.search.closest(places), proxy.full.triangles)
+    return _pointwise("nearest points in space", nearest.interpolate(proxy.full.vertices), pair)
 
 
 def given_hypothesis(pair: Pair, initial_map: SurfaceMap | ArrayLike) -> Hypothesis:

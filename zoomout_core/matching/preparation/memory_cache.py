@@ -27,8 +27,9 @@ from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.runtime.memory import bytes_of
 
-# Maximum bytes of the cached shapes, which is about ten of the usual size; as much again for working meshes.
-MAX_BYTES = 512 << 20
+# Maximum bytes of the cached shapes, which is about ten of the usual size; as much again for working meshes. The two of
+# the last match are kept whatever their size, or matching a million vertices again would analyse one of them again.
+MAX_BYTES, MIN_KEPT = 512 << 20, 2
 
 Value = TypeVar("Value", ShapeAnalysis, WorkingMesh)
 
@@ -50,7 +51,7 @@ class _LruCache(Generic[Value]):
         with self._lock:
             self._values[key] = value
             self._values.move_to_end(key)
-            while bytes_of(*self._values.values()) > MAX_BYTES:
+            while len(self._values) > MIN_KEPT and bytes_of(*self._values.values()) > MAX_BYTES:
                 self._values.popitem(last=False)
 
     def unlock(self) -> None:

@@ -185,14 +185,15 @@ def _register(
     away, away_source = target.distances[:, tip] / target.length[tip], source.distances[:, other] / source.length[other]
     places, rest = pair.target.vertices / pair.target.working.scale, pair.source.vertices / pair.source.working.scale
     corners = pair.source.triangles
-    branch, inside = np.flatnonzero(away < 1), np.flatnonzero((away_source[corners] < MARGIN).all(axis=1))
-    around = (away > 1) & (away < 2) & (target.distances > target.length).all(axis=1)
+    branch, inside = np.flatnonzero(away < 1), np.flatnonzero((away_source < MARGIN)[corners].all(axis=1))
+    around = np.flatnonzero((away > 1) & (away < 2) & (target.distances > target.length).all(axis=1))
     bases = [x[(share > 0.8) & (share < 1)] for x, share in ((places, away), (rest, away_source))]
-    if around.sum() < MIN_TIPS or not len(inside) or not all(map(len, bases)):
+    if len(around) < MIN_TIPS or not len(inside) or not all(map(len, bases)):
         return None
     base, base_source = (each.mean(axis=0) for each in bases)
     end, end_source = places[np.argmin(away)], rest[np.argmin(away_source)]
-    turn = procrustes(places[around], surface_map.interpolate(rest)[around], handedness=None).rotation
+    images = SurfaceMap(surface_map.triangle[around], surface_map.barycentric[around], corners).interpolate(rest)
+    turn = procrustes(places[around], images, handedness=None).rotation
     along, _ = Rotation.align_vectors([end_source - base_source], [turn @ (end - base)])
     scale = source.length[other] / target.length[tip]
     moved = scale * along.apply((places[branch] - end) @ turn.T) + end_source

@@ -115,6 +115,9 @@ class _Meshes:
         # (n_s, 6 + d) the features of the source's vertices, see `_Images`.
         places = self.source.vertices, self.source.vertex_normals, _marks(pair.source, pair.source_shape)
         self.features: SingleFloats = np.hstack([each.astype(np.float32) for each in places])
+        # (m_surface,) the working triangle of each triangle of the source's surface.
+        self.triangle_number = np.zeros(len(pair.source.triangles), dtype=np.int64)
+        self.triangle_number[self.source.triangle_of] = np.arange(len(self.source.triangles))
         self.edges, _ = unique_edges(self.target.triangles)  # (e, 2) of the target
         self.length = edge_lengths(self.target.vertices, self.edges)  # (e,)
         self.areas = vertex_areas(self.target.vertices, self.target.triangles)  # (n,)
@@ -124,6 +127,11 @@ class _Meshes:
             points = landmark_points(pair, pair.exact_landmarks)[1]
             near = cKDTree(pair.target.vertices[used]).query(points)[1]
             self.fixed[self.target.vertex_of[used[near]]] = True
+
+    def images_by(self, surface_map: SurfaceMap, vertices: Integers | slice = slice(None)) -> _Images:
+        """The images of some working vertices of the target by a map of its surface."""
+        member = self.target.surface_vertex[vertices]
+        return self.images(self.triangle_number[surface_map.triangle[member]], surface_map.barycentric[member])
 
     def images(self, triangle: Integers, barycentric: Floats) -> _Images:
         """Images by their triangles (q,) and barycentric coordinates (q, 3), with their features."""
@@ -159,10 +167,17 @@ def repair(pair: Pair, surface_map: SurfaceMap) -> Repair:
     meshes, of_both = _Meshes(pair), branches_of(pair)
     branches = filled = np.zeros(len(pair.target.vertices), dtype=bool)
     connected = np.ones(len(branches))
+    images = meshes.images_by(surface_map)
+    length = _lengths(images.features, meshes.edges)
     for _ in range(REPAIR.rounds):
         exchanged, bases = exchange_branches(pair, surface_map, of_both)
-        branches = branches | (exchanged.triangle != surface_map.triangle)
-        found = _fill_torn(pair, meshes, exchanged, bases, branches)
+        moved = exchanged.triangle != surface_map.triangle
+        branches = branches | moved
+        moved = (moved | (exchanged.barycentric != surface_map.barycentric).any(axis=1))[meshes.target.surface_vertex]
+        at, beside = np.flatnonzero(moved), moved[meshes.edges].any(axis=1)  # all else is known from the last round
+        images.replace_at(at, meshes.images_by(exchanged, at))
+        length[beside] = _lengths(images.features, meshes.edges[beside])
+        found = _fill_torn(pair, meshes, exchanged, images, length, bases, branches)
         surface_map, filled = found.surface_map, filled | found.filled
         connected = np.minimum(connected, found.connected)
         if not (bases.any() or found.torn.any()):
@@ -170,14 +185,21 @@ def repair(pair: Pair, surface_map: SurfaceMap) -> Repair:
     return Repair(surface_map, filled, found.torn, connected)
 
 
-def _fill_torn(pair: Pair, meshes: _Meshes, surface_map: SurfaceMap, bases: Booleans, branches: Booleans) -> Repair:
-    """Fill in the places at which a map is torn, and the bases (n_t,) of branches (n_t,) that were rematched."""
+def _fill_torn(
+    pair: Pair,
+    meshes: _Meshes,
+    surface_map: SurfaceMap,
+    images: _Images,
+    length: Floats,
+    bases: Booleans,
+    branches: Booleans,
+) -> Repair:
+    """Fill in the places at which a map is torn, and the bases (n_t,) of branches (n_t,) that were rematched.
+
+    The images of the working vertices, and the lengths (e,) of the images of their edges, are updated in place.
+    """
     source, target, edges = meshes.source, meshes.target, meshes.edges
     member = target.surface_vertex
-    number = np.zeros(len(pair.source.triangles), dtype=np.int64)
-    number[source.triangle_of] = np.arange(len(source.triangles))
-    images = meshes.images(number[surface_map.triangle[member]], surface_map.barycentric[member])
-    length = _lengths(images.features, edges)
     limit = REPAIR.max_stretch * float(np.median(length / np.maximum(meshes.length, SMALLEST)))
     torn = _torn(length, meshes.length, limit)
     seams = _torn(length, meshes.length, limit * REPAIR.seam / REPAIR.max_stretch)
@@ -290,7 +312,9 @@ def _connected_share(meshes: _Meshes, torn: Booleans) -> Floats:
     patch = components(edges[~torn], len(areas))
     component_area = np.bincount(component, areas)[component]
     share = np.bincount(patch, areas)[patch] / np.maximum(component_area, SMALLEST)
-    return np.where(np.isin(patch, patch[edges[torn]]), share, 1.0)
+    is_torn = np.zeros(len(areas), dtype=bool)  # by patch
+    is_torn[patch[edges[torn]]] = True
+    return np.where(is_torn[patch], share, 1.0)
 
 
 def _to_fill(meshes: _Meshes, torn: Booleans) -> Booleans:

@@ -15,7 +15,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import distance_transform_edt
 
 from zoomout_core.arrays import Booleans, Floats, Integers, check_counts
 from zoomout_core.mesh.surface import MeshError, Surface
@@ -221,6 +220,8 @@ def _blocks(atlas: Floats, width: int, height: int) -> Iterator[tuple[Integers, 
 
 def _fill(images: Sequence[Pixels], found: Sequence[Booleans]) -> list[Pixels | None]:
     """Images whose texels without a value have that of the nearest one; None for one without any value."""
+    from scipy.ndimage import distance_transform_edt  # on first use: only baking needs it
+
     filled = list[Pixels | None]()
     last, nearest = None, None
     for number, (image, has_value) in enumerate(zip(images, found, strict=True)):

@@ -94,9 +94,15 @@ def test_the_shapes_used_longest_ago_are_let_go_first(part: WorkingMesh, monkeyp
     assert prepared(part, 21) is not second
 
 
-def test_a_shape_that_is_too_large_is_not_kept(part: WorkingMesh, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_two_shapes_of_the_last_match_are_kept_however_large(
+    part: WorkingMesh, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(memory_cache, "MAX_BYTES", 1000)
-    assert prepared(part) is not prepared(part)
+    first, second = prepared(part, 20), prepared(part, 21)
+    assert prepared(part, 20) is first
+    assert prepared(part, 21) is second
+    prepared(part, 22)
+    assert prepared(part, 20) is not first
 
 
 @pytest.mark.slow
