@@ -2,20 +2,19 @@
 """The openings between the eyelids, seen from the front, and how the rims of the lids of two faces correspond.
 
 Seen from the front, the depth of a skin jumps from the rims of the lids to the bottom of the socket, whatever its
-triangles. An opening is where a morphological closing of the image of the depth exceeds it (the black top-hat; Serra,
-Image Analysis and Mathematical Morphology, 1982). Between the corners of the lids, rims correspond by the share of the
-width.
+triangles. An opening is where a morphological closing of the image of the depth exceeds it. Between the corners of the
+lids, rims correspond by the share of the width.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
 
 from zoomout_core.arrays import Booleans, Floats, Integers
-from zoomout_core.geometry.oriented_closest_points import surface_samples
+from zoomout_core.transfer.keys.front_view import view_from_front
 from zoomout_core.transfer.keys.head_directions import HeadDirections
 
 # Lengths relative to the distance between the eyes, about 65 mm.
@@ -24,11 +23,11 @@ DEPTH = 0.12  # of the bottom of a socket behind the lids: more than of the skin
 CLOSING = 0.25  # height that is closed in the image
 MAX_HEIGHT = 0.9  # of an opening, as a share of the height that is closed: only parts of higher ones are found
 RIM = 0.05  # half the height of a rim
-PIXELS, SAMPLES = 96, 200_000  # along a side of the square, and points of the surface in it
+PIXELS = 96  # along a side of the square
+SLIT = 5  # pixels: narrower ends of openings depend on the triangles, and are filled in
 MIN_COLUMNS = 12  # of an opening
 SMOOTHING = 1.5  # of the rims, in pixels
 MAX_RATIO = 2.5  # of the areas of the openings of two persons
-FLATTENING = 0.2  # of lengths along the view when the surface is sampled: its sides are hardly seen
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,17 +60,13 @@ def find_eye_opening(vertices: Floats, triangles: Integers, centre: Floats, head
 
     None if the eye is closed, has no socket, or is too large.
     """
-    axes = np.stack([head.left, head.up, head.forward])
-    places, origin = (vertices - centre) @ axes.T, axes @ centre
     half = WINDOW * head.size
-    pixel = 2 * half / PIXELS
-    depth = _depth_image(places, triangles, half)
-    seen = np.isfinite(depth)
-    if not seen.any():
+    view = view_from_front(vertices, triangles, centre, head, (half, half), PIXELS)
+    if view is None:
         return None
-    depth = np.where(seen, depth, depth[seen].min() - 2 * DEPTH * head.size)
-    closed = scipy.ndimage.grey_closing(depth, (1, round(CLOSING / WINDOW / 2 * PIXELS)))
-    piece, _ = scipy.ndimage.label(closed - depth > DEPTH * head.size)
+    view = replace(view, depth=scipy.ndimage.maximum_filter(view.depth, SLIT))
+    closed = view.close(CLOSING * head.size)
+    piece, _ = scipy.ndimage.label(closed - view.depth > DEPTH * head.size)
     border = np.concatenate([piece[[0, -1]].ravel(), piece[:, [0, -1]].ravel()])
     sizes = np.bincount(piece.ravel())
     sizes[np.append(border, 0)] = 0
@@ -80,15 +75,13 @@ def find_eye_opening(vertices: Floats, triangles: Integers, centre: Floats, head
     if len(columns) < MIN_COLUMNS:
         return None
     first, last = opening.argmax(axis=1)[columns], PIXELS - opening[:, ::-1].argmax(axis=1)[columns]
-    if (last - first).max() * pixel > MAX_HEIGHT * CLOSING * head.size:
+    if (last - first).max() * view.pixel > MAX_HEIGHT * CLOSING * head.size:
         return None
-    lower, upper = (scipy.ndimage.gaussian_filter1d(rim * pixel, SMOOTHING, mode="nearest") for rim in (first, last))
-    return EyeOpening(
-        across=(columns + 0.5) * pixel - half + origin[0],
-        upper=upper - half + origin[1],
-        lower=lower - half + origin[1],
-        depth=closed[columns, (first + last) // 2] + origin[2],
+    lower, upper = (
+        view.height_of(scipy.ndimage.gaussian_filter1d(rim.astype(np.float64), SMOOTHING, mode="nearest"))
+        for rim in (first, last)
     )
+    return EyeOpening(view.across[columns], upper, lower, closed[columns, (first + last) // 2])
 
 
 def match_rims(vertices: Floats, here: EyeOpening, there: EyeOpening, head: HeadDirections) -> tuple[Integers, Floats]:
@@ -109,16 +102,3 @@ def match_rims(vertices: Floats, here: EyeOpening, there: EyeOpening, head: Head
     own, other = first + share * (last - first), begin + share * (end - begin)
     rise = there.rim_at(other, is_upper[chosen]) - here.rim_at(own, is_upper[chosen])
     return chosen, (other - own)[:, None] * head.left + rise[:, None] * head.up
-
-
-def _depth_image(places: Floats, triangles: Integers, half: float) -> Floats:
-    """(PIXELS, PIXELS) the largest third coordinate of a surface (n, 3) in a square; -inf where there is none."""
-    image = np.full((PIXELS, PIXELS), -np.inf)
-    inside = (np.abs(places[triangles][:, :, :2]) < 2 * half).all(axis=(1, 2))
-    if not inside.any():
-        return image
-    points, _ = surface_samples(places * (1, 1, FLATTENING), triangles[inside], SAMPLES)
-    pixels = np.floor((points[:, :2] / half + 1) * PIXELS / 2).astype(np.int64)
-    inside = ((pixels >= 0) & (pixels < PIXELS)).all(axis=1)
-    np.maximum.at(image, tuple(pixels[inside].T), points[inside, 2] / FLATTENING)
-    return np.asarray(scipy.ndimage.maximum_filter(image, 3))  # fills pixels without a sample

@@ -9,8 +9,8 @@ Botsch and Kobbelt, An intuitive framework for real-time freeform modeling, 2004
 
 where L is the stiffness, A the areas, q the closest points with similar normals, and P weighs distances along the
 surface less than those across it (Chen and Medioni 1992). Normals distinguish lips and lids whose surfaces face
-each other. The closest points slide along the rims of the lids, which are therefore also attracted by the rims around
-the same eye of the target, as far as these are seen from the front.
+each other. The closest points slide along the rims of lids and lips, which are therefore also attracted by the rims of
+the same eye and mouth of the target, as far as these are seen from the front.
 """
 
 from __future__ import annotations
@@ -35,6 +35,7 @@ from zoomout_core.spectral.laplacian import mesh_laplacian
 from zoomout_core.transfer.frames import on_working_mesh
 from zoomout_core.transfer.keys.eye_openings import find_eye_opening, match_rims
 from zoomout_core.transfer.keys.head_directions import HeadDirections
+from zoomout_core.transfer.keys.mouth_line import find_lips, find_mouth_line, match_lips
 from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.tuning import Tuning, tuned
 
@@ -49,15 +50,16 @@ class FaceRegistrationTuning(Tuning, set_by="faces"):
             closed lips three times as many edges are torn.
         first_bending: factor of the bending energy of the deformation that the map implies: it smooths the map's
             errors over 1 cm.
-        lid_weight: weight of a vertex on the rim of a lid, which the corresponding place on the target attracts. With
-            five times as much, errors are alike on the heads that set it, and the largest gap of lids grows by a sixth.
+        rim_weight: weight of a vertex on the rim of a lid or a lip, which the corresponding place on the target
+            attracts. With five times as much, errors are alike on the heads that set it, and the largest gap of lids
+            grows by a sixth.
         iterations: conjugate gradient steps of a round.
         moved: the face is what the keys move by more than this share of the largest motion.
     """
 
     bending: tuple[float, ...] = tuned((1e-6, 1e-8, 1e-8), "at unit area", 1e-12, 1)
     first_bending: float = tuned(1e-5, "at unit area", 1e-12, 1)
-    lid_weight: float = tuned(4.0, "mean areas of vertices", 0, 1000)
+    rim_weight: float = tuned(4.0, "mean areas of vertices", 0, 1000)
     iterations: int = tuned(5, "steps", 1, 1000)
     moved: float = tuned(0.02, "1", 0, 1)
 
@@ -71,7 +73,7 @@ SOLVED = 1e-3  # share of the first residual at which conjugate gradients end
 # The eyes are around what moves by more than the first share of the most in a blink: lids correspond less well around
 # the mean of all that moves, as in `face_landmarks`. Vertices within the second distance, relative to that between the
 # eyes, tell where an eye is on the target.
-LID, NEAR_EYE = 0.5, 0.25
+LID, NEAR_EYE, NEAR_MOUTH = 0.5, 0.25, 0.25
 MARGIN = 0.1  # around what the keys move: the face is registered along with its surroundings
 # A face of fewer vertices has no details to register, and images farther from the target or from those of the map than
 # this are wrong.
@@ -113,6 +115,8 @@ class _Face:
     triangles: Integers  # (m, 3) between them, wound outwards
     images: csr_array  # (t, n) interpolates from the face to the map's images
     eyes: tuple[Floats, Floats]  # (3,) the middles of the left and of the right lids
+    jaw: Floats  # (3,) the middle of the jaw
+    opens: Floats  # (n,) lengths of the motion that opens the mouth
     head: HeadDirections
 
     @classmethod
@@ -150,9 +154,10 @@ class _Face:
         own = target.vertices[vertices]
         places = procrustes(own, images @ mesh.vertices)(own)
         triangles = renumbered[target.oriented_triangles[kept]]
-        left, right, mouth = _middles(mesh, expressions)
-        head = HeadDirections.of(left, right, mouth)
-        return cls(mesh, vertices, places, triangles, images, (left, right), head)
+        left, right, jaw = _middles(mesh, expressions)
+        opens = on_working_mesh(mesh, row_norms(expressions[-1]))
+        head = HeadDirections.of(left, right, jaw)
+        return cls(mesh, vertices, places, triangles, images, (left, right), jaw, opens, head)
 
     @cached_property
     def normals(self) -> Floats:
@@ -172,7 +177,9 @@ class _Face:
         energy = csc_array(stiffness @ diags_array(1 / areas) @ stiffness)
         there = OrientedSurface(self.places, self.triangles, np.zeros(len(self.triangles), dtype=bool), NORMAL_WEIGHT)
         displacement = self._first_displacement(energy)
-        pins = _Pins.of(*self._match_lids(displacement), mesh.vertices, areas.mean(), self.head.forward)
+        lids, lips = self._match_lids(displacement), self._match_mouth(displacement)
+        rims, shifts = (np.concatenate(each) for each in zip(lids, lips, strict=True))
+        pins = _Pins.of(rims, shifts, mesh.vertices, areas.mean(), self.head.forward)
         for factor, rounds in Counter(FACE_REGISTRATION.bending).items():
             bending = csc_array(factor * energy)
             factors = factorise(csc_array(bending + diags_array(areas / 2 + pins.weight)))
@@ -227,6 +234,24 @@ class _Face:
                 shifts.append(shift)
         return np.concatenate(chosen), np.concatenate(shifts)
 
+    def _match_mouth(self, displacement: Floats) -> tuple[Integers, Floats]:
+        """The vertices (r,) along the line between the lips, and their shifts (r, 3) to that of the target.
+
+        A first displacement (n, 3) tells where its mouth is.
+        """
+        vertices, head, triangles = self.mesh.vertices, self.head, self.mesh.triangles
+        none = np.empty(0, dtype=np.int64), np.empty((0, 3))
+        middle = find_lips(vertices, triangles, self.opens, ((self.eyes[0] + self.eyes[1]) / 2, self.jaw), head)
+        if middle is None:
+            return none
+        near = row_norms(vertices - middle) < NEAR_MOUTH * head.size
+        here = find_mouth_line(vertices, triangles, middle, head)
+        there = find_mouth_line(self.places, self.triangles, middle + displacement[near].mean(axis=0), head)
+        if here is None or there is None:
+            return none
+        is_upper = self.opens < self.opens[near].max() / 2
+        return match_lips(vertices, is_upper, here, there, head)
+
     def _first_displacement(self, energy: csc_array) -> Floats:
         """(n, 3) the smooth displacement that the map implies."""
         missed = self.places - self.images @ self.mesh.vertices
@@ -247,7 +272,7 @@ class _Pins:
     def of(cls, chosen: Integers, shifts: Floats, vertices: Floats, area: float, direction: Floats) -> _Pins:
         """Attract some vertices (c,) of (n, 3) by their places after shifts (c, 3)."""
         weight, goals = np.zeros(len(vertices)), vertices.copy()
-        weight[chosen] = FACE_REGISTRATION.lid_weight * area
+        weight[chosen] = FACE_REGISTRATION.rim_weight * area
         goals[chosen] += shifts
         return cls(weight, goals, direction)
 
