@@ -64,7 +64,7 @@ def bones_of_drivers(key: Key, names: Collection[str], armature: Object) -> set[
 
 
 def redirect_drivers(key: Key, counterparts: Counterparts, names: Collection[str] | None = None) -> Redirected:
-    """Let drivers of keys read counterparts; keys whose drivers cannot do so are switched off.
+    """Let drivers of keys read counterparts; drivers that cannot do so are removed, and their keys are off.
 
     Args:
         key: the shape keys of an object, with drivers that were copied from another one.
@@ -77,8 +77,9 @@ def redirect_drivers(key: Key, counterparts: Counterparts, names: Collection[str
         if lacking:
             _add(result.lacking, lacking)
             _add(result.removed, [name])
+            if curve.data_path == f"{path_of_key(name)}value":
+                key.key_blocks[name].value = 0
             key.animation_data.drivers.remove(curve)
-            key.key_blocks[name].value = 0
             continue
         inside = {key, *counterparts.blocks.values(), *counterparts.if_present.values()}
         read = [end.id for _, end in _ends(curve) if end.id is not None and not isinstance(end.id, Scene)]
