@@ -18,7 +18,7 @@ from zoomout_core.messages import Message, message, warning
 from zoomout_core.transfer import Skeleton, pair_bones, shape_of_source
 
 from .. import mesh_data
-from ..mesh_data import Counterparts, Redirected, RigBones
+from ..mesh_data import Partners, Redirected, RigBones
 from ..storage.stored_match import Match
 from .adapter import Remarks, TransferRequest
 
@@ -49,10 +49,10 @@ class KeyDrivers:
 
     Attributes:
         owners: the sources with shape keys, each with the names of the keys whose drivers it provides.
-        rigs: the armatures, if drivers read bones that have counterparts in another one.
+        rigs: the armatures, if drivers read bones that have partners in another one.
         remarks: collects remarks for the user.
         bones: names of the target's bones by those of the source's, once they are paired.
-        turned: names of bones that drivers read, and whose counterparts have other axes at rest.
+        turned: names of bones that drivers read, and whose partners have other axes at rest.
     """
 
     owners: Sequence[tuple[str, Sequence[str]]]
@@ -62,7 +62,7 @@ class KeyDrivers:
     turned: Sequence[str] = ()
 
     def pair_bones(self, match: Match, source: Surface, target: Surface) -> None:
-        """Find the counterparts of bones along a match of two surfaces at rest, unless all have the same names."""
+        """Find the partners of bones along a match of two surfaces at rest, unless all have the same names."""
         if self.rigs is None:
             return
         bones, others = self.rigs.bones, self.rigs.others
@@ -85,10 +85,10 @@ class KeyDrivers:
             blocks = {each.data.shape_keys: keys for each, _ in sources}
             armature, armatures = self._armatures(source, target)
             paired = self.rigs is not None and armature == self.rigs.target
-            counterparts = Counterparts(
+            partners = Partners(
                 blocks | armatures, self.bones if paired else None, {each: target for each, _ in sources}
             )
-            result = mesh_data.redirect_drivers(keys, counterparts, names)
+            result = mesh_data.redirect_drivers(keys, partners, names)
             self.remarks.add(notes_on_drivers(result, target))
             if paired and self.turned:
                 self.remarks.add(
@@ -108,7 +108,7 @@ class KeyDrivers:
         found = {block: block for each in of_source for block in (each, each.data)}
         if not of_source or not of_target or set(of_source) & set(of_target):
             return "", found
-        return of_target[0].name, found | mesh_data.counterpart_armatures(of_source[0], of_target[0])
+        return of_target[0].name, found | mesh_data.partner_armatures(of_source[0], of_target[0])
 
 
 def notes_on_drivers(result: Redirected, obj: Object) -> Iterator[Message]:
@@ -147,7 +147,7 @@ def read_key_drivers(
 def _turned_bones(
     bones: RigBones, others: RigBones, pairs: Mapping[str, str], names: Sequence[str], rotation: Floats
 ) -> list[str]:
-    """The bones, of some names, whose counterparts have other axes at rest, given the rotation (3, 3) of the body."""
+    """The bones, of some names, whose partners have other axes at rest, given the rotation (3, 3) of the body."""
     axes, axes_of_others = _axes(bones), _axes(others)
     turned = []
     for name in (name for name in names if name in pairs):

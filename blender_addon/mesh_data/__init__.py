@@ -51,7 +51,7 @@ from .joined import (
     read_joined_uv,
     read_joined_weights,
 )
-from .key_drivers import Counterparts, Redirected, bones_of_drivers, counterpart_armatures, redirect_drivers
+from .key_drivers import Partners, Redirected, bones_of_drivers, partner_armatures, redirect_drivers
 from .layers import (
     HAS_PARTNER,
     MATCH_ATTRIBUTES,
@@ -171,7 +171,6 @@ __all__ = [
     "ActiveLayers",
     "BodyKeys",
     "Bones",
-    "Counterparts",
     "DetailedMesh",
     "EvaluatedObject",
     "Faces",
@@ -187,6 +186,7 @@ __all__ = [
     "MeshFacts",
     "ObjectPair",
     "OutfitBones",
+    "Partners",
     "Redirected",
     "RigBones",
     "Role",
@@ -218,7 +218,6 @@ __all__ = [
     "copy_rig",
     "copy_with_images",
     "count_layers",
-    "counterpart_armatures",
     "deforming_bones",
     "directions_in_world",
     "divide",
@@ -245,6 +244,7 @@ __all__ = [
     "offsets_of",
     "origin",
     "original_name",
+    "partner_armatures",
     "place_beside",
     "positions_in_object",
     "positions_in_world",

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Drivers of shape keys: the armatures, bones and keys that they read, and their counterparts in another character."""
+"""Drivers of shape keys: the armatures, bones and keys that they read, and their partners in another character."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ BONE = re.compile(r'\bbones\["((?:[^"\\]|\\.)*)"\]')
 
 
 @dataclass(frozen=True, eq=False)
-class Counterparts:
+class Partners:
     """The data that drivers read on another object.
 
     Attributes:
         blocks: data-blocks, by those that they replace: armatures with their data, shape keys.
-        bones: names of the bones of replaced armatures; bones without a counterpart are missing. None for the same.
+        bones: names of the bones of replaced armatures; bones without a partner are missing. None for the same.
         if_present: data-blocks that replace others only where they have the property that a driver reads.
     """
 
@@ -37,9 +37,9 @@ class Redirected:
     """The outcome for the drivers of some keys.
 
     Attributes:
-        removed: names of keys whose drivers were removed, because the counterparts lack the bones or properties.
+        removed: names of keys whose drivers were removed, because the partners lack the bones or properties.
         lacking: names of bones, and paths of properties, that are lacking.
-        outside: names of data-blocks that drivers read still, besides the object and its counterparts.
+        outside: names of data-blocks that drivers read still, besides the object and its partners.
     """
 
     removed: list[str] = field(default_factory=list)
@@ -47,7 +47,7 @@ class Redirected:
     outside: list[str] = field(default_factory=list)
 
 
-def counterpart_armatures(source: Object, target: Object) -> dict[Any, Any]:
+def partner_armatures(source: Object, target: Object) -> dict[Any, Any]:
     """An armature that drivers read and the one to be read instead, and likewise their data."""
     return {source: target, source.data: target.data}
 
@@ -63,17 +63,17 @@ def bones_of_drivers(key: Key, names: Collection[str], armature: Object) -> set[
     return found
 
 
-def redirect_drivers(key: Key, counterparts: Counterparts, names: Collection[str] | None = None) -> Redirected:
-    """Let drivers of keys read counterparts; drivers that cannot do so are removed, and their keys are off.
+def redirect_drivers(key: Key, partners: Partners, names: Collection[str] | None = None) -> Redirected:
+    """Let drivers of keys read partners; drivers that cannot do so are removed, and their keys are off.
 
     Args:
         key: the shape keys of an object, with drivers that were copied from another one.
-        counterparts: the data that they read instead.
+        partners: the data that they read instead.
         names: names of the keys; all when not given.
     """
     result = Redirected()
     for name, curve in _drivers(key, key.key_blocks.keys() if names is None else names):
-        lacking = [what for kind, end in _ends(curve) if (what := _redirect(kind, end, counterparts))]
+        lacking = [what for kind, end in _ends(curve) if (what := _redirect(kind, end, partners))]
         if lacking:
             _add(result.lacking, lacking)
             _add(result.removed, [name])
@@ -81,7 +81,7 @@ def redirect_drivers(key: Key, counterparts: Counterparts, names: Collection[str
                 key.key_blocks[name].value = 0
             key.animation_data.drivers.remove(curve)
             continue
-        inside = {key, *counterparts.blocks.values(), *counterparts.if_present.values()}
+        inside = {key, *partners.blocks.values(), *partners.if_present.values()}
         read = [end.id for _, end in _ends(curve) if end.id is not None and not isinstance(end.id, Scene)]
         _add(result.outside, [each.name for each in read if each not in inside])
     return result
@@ -105,16 +105,16 @@ def _reads_bone(kind: str, end: DriverTarget) -> bool:
     return kind != "SINGLE_PROP" and bool(end.bone_target) and getattr(end.id, "pose", None) is not None
 
 
-def _redirect(kind: str, end: DriverTarget, counterparts: Counterparts) -> str:
-    """Let a target of a driver's variable read the counterpart; returns the name of lacking data, or nothing."""
+def _redirect(kind: str, end: DriverTarget, partners: Partners) -> str:
+    """Let a target of a driver's variable read the partner; returns the name of lacking data, or nothing."""
     read = end.id
-    other = counterparts.blocks.get(read, counterparts.if_present.get(read))
+    other = partners.blocks.get(read, partners.if_present.get(read))
     if other is None or other == read:
         return ""
     path, bone = end.data_path, end.bone_target
     lacking = ""
-    if counterparts.bones is not None:
-        path, bone, lacking = _find_names(kind, end, counterparts.bones)
+    if partners.bones is not None:
+        path, bone, lacking = _find_names(kind, end, partners.bones)
     if not lacking and kind == "SINGLE_PROP" and _has(read, end.data_path) and not _has(other, path):
         lacking = path
     if not lacking and _reads_bone(kind, end) and end.bone_target in read.pose.bones and bone not in other.pose.bones:
@@ -122,7 +122,7 @@ def _redirect(kind: str, end: DriverTarget, counterparts: Counterparts) -> str:
     if not lacking:
         end.id = other
         end.data_path, end.bone_target = path, bone
-    return lacking if read in counterparts.blocks else ""
+    return lacking if read in partners.blocks else ""
 
 
 def _find_names(kind: str, end: DriverTarget, bones: Mapping[str, str]) -> tuple[str, str, str]:

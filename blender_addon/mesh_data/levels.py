@@ -19,7 +19,7 @@ from zoomout_core.transfer.rigging.weights import limit_weights
 
 from .armatures import Bones, read_bones
 from .arrays import read_array
-from .key_drivers import Counterparts, redirect_drivers
+from .key_drivers import Partners, redirect_drivers
 from .layers import (
     ActiveLayers,
     Layer,
@@ -116,7 +116,7 @@ def add_level(obj: Object, name: str, detailed: DetailedMesh, level: Level, max_
     if detailed.keys is not None:
         write_shape_keys(made, detailed.keys.keys, _values(asset, SHAPE_KEYS))
         write_animation(source.shape_keys, mesh.shape_keys, [key.name for key in detailed.keys.keys])
-        redirect_drivers(mesh.shape_keys, Counterparts({source.shape_keys: mesh.shape_keys}))
+        redirect_drivers(mesh.shape_keys, Partners({source.shape_keys: mesh.shape_keys}))
     weights = csr_array(csr_array(detailed.weights.values)[level.vertices].astype(np.float64))
     if max_weights is not None:
         limit_weights(weights, asset.surface, detailed.deforms, max_weights)

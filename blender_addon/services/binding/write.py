@@ -52,9 +52,9 @@ def _redirect_drivers(target: Object, read: Iterable[Object]) -> list[Message]:
         return []
     own = mesh_data.armatures_of(target)
     blocks = {part: part for each in own for part in (each, each.data)}
-    others = {block: other for each in read for block, other in mesh_data.counterpart_armatures(each, own[0]).items()}
-    counterparts = mesh_data.Counterparts(blocks, if_present=others)
-    return list(notes_on_drivers(mesh_data.redirect_drivers(target.data.shape_keys, counterparts), target))
+    others = {block: other for each in read for block, other in mesh_data.partner_armatures(each, own[0]).items()}
+    partners = mesh_data.Partners(blocks, if_present=others)
+    return list(notes_on_drivers(mesh_data.redirect_drivers(target.data.shape_keys, partners), target))
 
 
 def write_posed_shape(target: Object, bound: Bound) -> None:
