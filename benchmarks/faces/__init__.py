@@ -56,6 +56,6 @@ def _rows(records: list[Record]) -> list[Record]:
         means = {name: over(np.mean, chosen, name) for name in ("error", "median", "skin")}
         lips = {"lips, least": over(min, chosen, "lips"), "lips, most": over(max, chosen, "lips")}
         worst = {name: over(max, chosen, name) for name in ("worst", "blink", "solids", "bent")}
-        sums = {name: int(sum(record[name] for record in chosen)) for name in ("flipped", "torn")}
+        sums = {name: int(sum(record[name] for record in chosen)) for name in ("flipped", "overturned", "torn")}
         rows.append(row | means | worst | lips | sums | {"seconds": over(np.mean, chosen, "seconds")})
     return rows

@@ -26,7 +26,9 @@ def figures(case: Case, keys: Floats) -> Record:
     0 is right, and 1 as bad as no key. `skin`: the same on the skin. `worst`: the largest of these, and `key` its name.
     `lips`: how far the key that opens the jaw opens the lips, as a share of the truth. `blink`: by how many millimetres
     the lids stay farther apart than in truth, at most. `flipped` and `torn`: triangles that are turned over, and edges
-    stretched, against the truth, over all keys. `solids`: the largest distance in millimetres of a row of teeth or an
+    stretched, against the truth, over all keys. `overturned`: those of the flipped ones that face backwards against the
+    rest shape while the true key leaves them facing forwards; most others are lips that the true keys push through each
+    other, and turn over. `solids`: the largest distance in millimetres of a row of teeth or an
     eyeball from its true place. `bent`: the largest change of shape of these, beyond their true one.
     """
     errors = key_errors(keys, case.truth)
@@ -43,8 +45,9 @@ def figures(case: Case, keys: Floats) -> Record:
     if case.lids is not None:
         blinks = [case.names.index(name) for name in BLINKS]
         row |= {"blink": max(remaining_gap(case, keys[i], case.truth[i], case.lids) for i in blinks) / millimetre}
-    flipped, torn = zip(*(damage(case, found, true) for found, true in zip(keys, case.truth, strict=True)), strict=True)
-    row |= {"flipped": sum(flipped), "torn": sum(torn), "solids": None, "bent": None}
+    damages = [damage(case, found, true) for found, true in zip(keys, case.truth, strict=True)]
+    flipped, overturned, torn = (sum(each) for each in zip(*damages, strict=True))
+    row |= {"flipped": flipped, "overturned": overturned, "torn": torn, "solids": None, "bent": None}
     if case.solids:
         off, bent = [], []
         for vertices in case.solids.values():
@@ -73,17 +76,19 @@ def remaining_gap(case: Case, key: Floats, true: Floats, sides: Sides) -> float:
     return _distance(case.target.vertices + key, sides) - _distance(case.target.vertices + true, sides)
 
 
-def damage(case: Case, key: Floats, true: Floats) -> tuple[int, int]:
-    """The numbers of triangles that a key (n_t, 3) turns over, and of edges that it tears, against the true one."""
+def damage(case: Case, key: Floats, true: Floats) -> tuple[int, int, int]:
+    """The triangles that a key (n_t, 3) flips, those that it turns over, and the edges that it tears; see `figures`."""
     moving = (key != 0).any(axis=1) | (true != 0).any(axis=1)
     triangles = case.target.triangles[moving[case.target.triangles].any(axis=1)]
     edges, _ = unique_edges(triangles)
     rest = case.target.vertices
-    against = np.einsum("mx,mx->m", *(triangle_normals(rest + offset, triangles) for offset in (key, true))) < 0
+    found, right, before = (triangle_normals(rest + offset, triangles) for offset in (key, true, np.zeros_like(true)))
+    flipped = np.einsum("mx,mx->m", found, right) < 0
+    overturned = flipped & (np.einsum("mx,mx->m", found, before) < 0) & (np.einsum("mx,mx->m", right, before) >= 0)
     stretched = edge_lengths(rest + key, edges) > TORN * np.maximum(
         edge_lengths(rest + true, edges), edge_lengths(rest, edges)
     )
-    return int(against.sum()), int(stretched.sum())
+    return int(flipped.sum()), int(overturned.sum()), int(stretched.sum())
 
 
 def change_of_shape(rest: Floats, offsets: Floats) -> float:

@@ -21,6 +21,7 @@ from zoomout_core.mesh.surface import Surface
 from zoomout_core.samples.spheres import ball
 
 NAMES = [JAW_OPEN, *BLINKS]
+FAULTS = ("error", "skin", "worst", "flipped", "overturned", "torn", "solids")
 
 
 def head(scale: float = 1.0) -> Case:
@@ -51,9 +52,7 @@ def head(scale: float = 1.0) -> Case:
 def test_true_keys_have_no_faults() -> None:
     case = head()
     found = figures(case, case.truth)
-    assert {name: found[name] for name in ("error", "skin", "worst", "flipped", "torn", "solids")} == dict.fromkeys(
-        ("error", "skin", "worst", "flipped", "torn", "solids"), 0
-    )
+    assert {name: found[name] for name in FAULTS} == dict.fromkeys(FAULTS, 0)
     assert found["lips"] == pytest.approx(1)
     assert found["blink"] == pytest.approx(0, abs=1e-9)
     assert found["bent"] == pytest.approx(0, abs=1e-9)
@@ -79,8 +78,18 @@ def test_turned_triangles_and_torn_edges_are_counted() -> None:
     corner = case.target.triangles[np.abs(case.target.vertices[case.target.triangles, 1]).min(axis=1).argmax()][0]
     keys[0, corner] += 4 * np.cross([0, 0, 1.0], case.target.vertices[corner]) / 10
     found = figures(case, keys)
-    assert found["flipped"] > 0
+    assert found["flipped"] == found["overturned"] > 0
     assert found["torn"] > 0
+
+
+def test_triangles_that_only_the_truth_turns_over_are_flipped_but_not_overturned() -> None:
+    case = head()
+    keys = case.truth.copy()
+    corner = case.target.triangles[np.abs(case.target.vertices[case.target.triangles, 1]).min(axis=1).argmax()][0]
+    case.truth[0, corner] += 4 * np.cross([0, 0, 1.0], case.target.vertices[corner]) / 10
+    found = figures(case, keys)
+    assert found["flipped"] > 0
+    assert found["overturned"] == 0
 
 
 def test_turning_a_solid_does_not_bend_it() -> None:

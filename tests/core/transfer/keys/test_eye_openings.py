@@ -46,6 +46,13 @@ def test_the_place_of_the_head_and_of_the_square_do_not_matter() -> None:
     np.testing.assert_allclose(moved.area, opening(skin()).area, rtol=0.1)
 
 
+def test_a_slit_beyond_the_corner_is_no_part_of_the_opening() -> None:
+    vertices = skin()
+    slit = (np.abs(vertices[:, 1]) < 0.01) & (np.abs(vertices[:, 0]) < 1.5 * WIDTH)
+    vertices[slit, 2] = -0.4
+    np.testing.assert_allclose(opening(vertices).across[[0, -1]], (-WIDTH, WIDTH), atol=3 * PIXEL)
+
+
 def test_a_hole_without_a_socket_is_an_opening() -> None:
     behind = (skin()[TRIANGLES][:, :, 2] < -0.2).any(axis=1)
     found = find_eye_opening(skin(), TRIANGLES[~behind], np.zeros(3), HEAD)

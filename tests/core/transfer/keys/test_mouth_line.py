@@ -81,11 +81,12 @@ def test_a_level_skin_has_no_line() -> None:
     assert find_mouth_line(level, TRIANGLES, np.array([9.0, 0, 0]), HEAD) is None
 
 
-def test_lips_with_holes_have_no_clear_line() -> None:
+@pytest.mark.parametrize(("height", "is_clear"), [(0.12, False), (0.22, True)])
+def test_lips_with_holes_have_no_clear_line_but_nostrils_may_be_above(height: float, is_clear: bool) -> None:
     vertices = skin()
-    hole = (np.abs(vertices[:, 0]) < 0.1) & (np.abs(vertices[:, 1] - 0.12) < 0.02)
+    hole = (np.abs(vertices[:, 0]) < 0.1) & (np.abs(vertices[:, 1] - height) < 0.02)
     whole = TRIANGLES[~hole[TRIANGLES].any(axis=1)]
-    assert find_mouth_line(vertices, whole, np.zeros(3), HEAD) is None
+    assert (find_mouth_line(vertices, whole, np.zeros(3), HEAD) is not None) == is_clear
 
 
 def test_lips_shift_to_those_of_a_wider_mouth() -> None:
