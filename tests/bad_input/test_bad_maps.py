@@ -101,6 +101,7 @@ def test_it_is_one_sentence(name: str, tmp_path: Path) -> None:
         assert process_time() - start < 10
 
 
+@pytest.mark.slow
 def test_a_bomb_takes_no_memory(tmp_path: Path) -> None:
     """A megabyte that decompresses to a gigabyte, and a small file above the limit."""
     path = tmp_path / "map.npz"

@@ -127,6 +127,7 @@ def test_the_trial_of_a_file(planted: Path, mesh: Path) -> None:
     assert not planted.exists()
 
 
+@pytest.mark.slow
 def test_the_workers_of_a_collection(planted: Path) -> None:
     before = dict(os.environ)
     with local_engine(2, 0) as engine:
@@ -155,6 +156,7 @@ def test_the_console_script(planted: Path, mesh: Path) -> None:
     assert not planted.exists()
 
 
+@pytest.mark.slow(but=1)
 @pytest.mark.parametrize("kind", ["settings", "pipe"])
 def test_pictures_take_no_settings_from_the_folder(kind: str, mesh: Path, tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")

@@ -329,6 +329,7 @@ def test_a_name_in_any_encoding(name: bytes, meshes: tuple[Path, Path], tmp_path
     assert shown in (out / "report.html").read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_a_failed_name_in_any_encoding_is_in_the_report(meshes: tuple[Path, Path], tmp_path: Path) -> None:
     broken = tmp_path / os.fsdecode(b"broken\xe9.ply") if sys.platform == "linux" else tmp_path / "broken.ply"
     broken.write_bytes(b"ply")
@@ -363,6 +364,7 @@ def test_a_report_that_cannot_be_printed(place: str, meshes: tuple[Path, Path], 
         assert "could not be printed (No space left on device), but all output files are complete" in ran.stderr
 
 
+@pytest.mark.slow(but=1)
 @pytest.mark.parametrize("encoding", ["cp1252", "ascii", "latin-1", "cp437"])
 def test_a_terminal_with_other_letters(encoding: str, meshes: tuple[Path, Path], tmp_path: Path) -> None:
     output = tmp_path / "人.npz"
@@ -373,6 +375,7 @@ def test_a_terminal_with_other_letters(encoding: str, meshes: tuple[Path, Path],
     assert rb"\u4eba.npz" in ran.stdout or "人.npz".encode() in ran.stdout  # click prints UTF-8 instead of ASCII
 
 
+@pytest.mark.slow
 @POSIX
 def test_a_material_that_the_locale_has_no_letters_for(meshes: tuple[Path, Path], tmp_path: Path) -> None:
     source = tmp_path / "source.obj"

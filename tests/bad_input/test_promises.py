@@ -162,6 +162,7 @@ COMMANDS = (
 )
 
 
+@pytest.mark.slow
 def test_commands_open_no_connection(meshes: tuple[Path, Path]) -> None:
     command = [sys.executable, "-c", OFFLINE.format(commands=COMMANDS)]
     environment = os.environ | {"PYTHONPATH": str(REPOSITORY)}

@@ -109,6 +109,7 @@ def test_what_is_kept_is_the_match_itself(source, target):
     assert kept.notes == result.notes
 
 
+@pytest.mark.slow
 def test_the_source_in_the_sidebar_goes_before_the_selection_and_the_argument_before_both(source, target):
     other, third = ellipsoid("Other", 3), ellipsoid("Third", 3)
     activate(target, other)

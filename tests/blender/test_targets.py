@@ -92,6 +92,7 @@ def test_nothing_is_written_before_all_are_worked_out(source, targets):
     assert outcome.failed == {"B": "It is broken."}
 
 
+@pytest.mark.slow
 def test_a_cancelled_run_leaves_all_of_them_as_they_were(source, targets):
     before = snapshot_file()
     names = [obj.name for obj in targets]

@@ -67,6 +67,7 @@ def test_landmarks_are_written_with_a_confidence_and_a_verdict(
     assert heading == "name,x,y,z,confidence"
 
 
+@pytest.mark.slow
 def test_the_format_and_the_coordinate_system_are_those_of_the_landmarks(folder: Path, tmp_path: Path) -> None:
     given = folder / "template.ply", folder / "marks.mrk.json"
     code, said = run(*given, folder / "target.ply", folder / "none.ply", "-o", tmp_path / "out", "--json")

@@ -135,6 +135,7 @@ MIXED = (
 )
 
 
+@pytest.mark.slow
 def test_filters_of_meshlab_and_of_this_project_mix(meshes, tmp_path):
     output = tmp_path / "out.ply"
     ran = CliRunner().invoke(main, ["run", str(script(tmp_path, MIXED)), *map(str, meshes), "-o", str(output)])

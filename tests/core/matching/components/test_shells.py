@@ -209,6 +209,7 @@ def test_a_landmark_that_only_the_skin_has_does_not_end_the_match(at_rest, stepp
     assert right_parts(result, at_rest, stepping) > 0.98
 
 
+@pytest.mark.slow
 def test_landmarks_on_shells_are_hit_exactly_where_that_is_asked(at_rest: Mannequin, stepping: Mannequin) -> None:
     places = [[int(np.flatnonzero(one.part == name)[5]) for name in ("head", "hand.L")] for one in (at_rest, stepping)]
     result = zo.match(at_rest.surface, stepping.surface, landmarks=(places[0], places[1]), exact_landmarks=True)

@@ -53,6 +53,7 @@ def test_a_coarse_mesh_is_subdivided_and_its_vertices_stay_in_place() -> None:
     np.testing.assert_allclose(triangle_areas(proxy.mesh.vertices, proxy.mesh.triangles).sum(), 1)
 
 
+@pytest.mark.slow
 def test_coarse_meshes_match_more_exactly_if_they_are_subdivided() -> None:
     source, target = creature(260, seed=0), creature(200, seed=1, bend=0.6)
     truth, errors = true_vertex(source, target), []
