@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Files as the web ships them: their sizes, what changes in them, and what other programs read from them."""
+"""Files as the web ships them: their sizes and differences, and their content as other programs read it."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ LIFT, CENTER, REACH = 0.05, (0.0, -0.2, 1.2), 0.15
 
 
 def open_elsewhere(cell: float, node_modules: Path | None = None, panda: Path | None = None) -> list[Row]:
-    """What other programs read from a level of the demo's character, in files of each compression.
+    """Open a level of the demo's character, in files of each compression, in other programs.
 
     Args:
         cell: edge length of the character, in metres.

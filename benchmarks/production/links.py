@@ -17,11 +17,14 @@ from blender_addon.demo.target import remeshed
 from blender_addon.services.live_link import keep_linked
 from blender_addon.services.matching.match import match_objects
 from zoomout_core.arrays import Floats
+from zoomout_core.assets.asset import to_srgb
 
 Row = dict[str, Any]
 
 # Evaluations of which the median is taken, after one that is not counted.
 EVALUATIONS = 7
+# The layer whose colors are rounded to eight bits when they are stored, here and there.
+EIGHT_BITS = "tint"
 # Height of the zones that the character is divided into, in metres.
 ZONE = 0.2
 KINDS = ("uv_maps", "color_attributes", "attributes", "vertex_groups")
@@ -53,7 +56,7 @@ def make_pair(cell: float, voxel: float, vertices: int) -> tuple[Object, Object]
     _add(source, "zone", "INT", "FACE", "value", np.floor(places[first, 2] / ZONE).astype(int))
     of_corner = np.array([loop.vertex_index for loop in source.data.loops])
     colors = np.column_stack([places[of_corner] % 1, np.ones(len(of_corner))])
-    _add(source, "tint", "BYTE_COLOR", "CORNER", "color", colors)
+    _add(source, EIGHT_BITS, "BYTE_COLOR", "CORNER", "color", colors)
     posed = source.copy()
     posed.data = source.data.copy()
     bpy.context.scene.collection.objects.link(posed)
@@ -85,12 +88,19 @@ def _measure(source: Object, target: Object, kinds: Sequence[str]) -> Row:
         "vertices": len(target.data.vertices),
         "layers": len(shares),
         "follows %": 100 * float(np.mean(list(shares.values()))),
-        "difference": max(float(np.abs(linked[name] - written[name]).max()) for name in shares),
+        "difference": max(float(np.abs(linked[name] - written[name]).max()) for name in shares if name != EIGHT_BITS),
+        "8-bit steps": _steps_apart(linked[EIGHT_BITS], written[EIGHT_BITS]) if EIGHT_BITS in shares else None,
         "CPU ms": processor,
         "ms": clock,
         "frames/s": 1000 / with_link[1],
         "without": 1000 / without[1],
     }
+
+
+def _steps_apart(first: Floats, second: Floats) -> int:
+    """The largest difference of scene-linear colors (q, 4), in steps of eight bits."""
+    one, other = (np.rint(255 * to_srgb(each[:, :3])) for each in (first, second))
+    return int(np.abs(one - other).max())
 
 
 def _measure_groups_alone(source: Object, target: Object) -> Row:

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// What Khronos' validator, Babylon.js and three.js read from GLB files, as JSON: node loaders.mjs NODE_MODULES FILE...
-// NODE_MODULES has gltf-validator, @babylonjs/core, @babylonjs/loaders and three.
+// Lists the content of GLB files as Babylon.js and three.js read it, and errors that Khronos' validator finds, as JSON.
+// node loaders.mjs NODE_MODULES FILE...: NODE_MODULES has gltf-validator, @babylonjs/core, @babylonjs/loaders and three.
 import fs from "node:fs";
 import { createRequire } from "node:module";
 import path from "node:path";

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the game engine Panda3D imports from GLB files, as JSON: python panda.py FILE...
+"""List the content of GLB files as the game engine Panda3D imports it, as JSON: python panda.py FILE...
 
 It runs in an environment of its own, with panda3d and panda3d-gltf.
 """
