@@ -45,6 +45,7 @@ def test_meshlab_is_not_brought_down(name: str, tmp_path: Path) -> None:
         read_layer(ms, load_mesh(ms, path))
 
 
+@pytest.mark.slow
 def test_a_batch_goes_on_and_reports(meshes: tuple[Path, Path], tmp_path: Path) -> None:
     source, target = meshes
     ms = pymeshlab.MeshSet()

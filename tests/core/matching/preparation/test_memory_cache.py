@@ -132,6 +132,7 @@ def test_each_number_that_a_shape_is_prepared_with_makes_it_another_one(
     assert asked == [tuple(numbers.values()), tuple(other.values())]
 
 
+@pytest.mark.slow
 def test_a_match_finds_what_was_prepared_ahead(monkeypatch: pytest.MonkeyPatch) -> None:
     one, other = (creature(count, bend=bend).surface for count, bend in ((1500, 0.0), (1400, 0.9)))
     expected = zo.match(as_new(one), as_new(other), k_final=30)
