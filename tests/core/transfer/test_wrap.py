@@ -115,6 +115,20 @@ def test_a_noisy_map_gives_an_even_mesh_on_the_source(
     assert not wrapped.notes
 
 
+def test_first_stages_on_a_coarse_copy_lead_to_the_same_place(
+    wrapped: Wrapped, noisy: SurfaceMap, source: Surface, target: Surface
+) -> None:
+    numbers = np.array([3, 200, 450])
+    there = wrapped.vertices[numbers]
+    with retune(FIT, coarse_vertices=200):
+        found = wrap(noisy, source, target, landmarks=(there, numbers))
+    assert found.turned_over == 0
+    assert off(found.vertices, source).max() < 1e-3
+    apart = np.linalg.norm(found.vertices - wrapped.vertices, axis=1) / np.sqrt(source.area)
+    assert 0 < apart.mean() < 0.004
+    assert apart[numbers].max() < 1e-9
+
+
 def test_progress_is_told_and_a_listener_may_cancel(
     noisy: SurfaceMap, source: Surface, target: Surface, wrapped: Wrapped
 ) -> None:

@@ -7,16 +7,19 @@ scales. Positions are those of the target's working mesh, at unit area of the so
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.sparse import csc_array, csr_array
 from scipy.sparse.linalg import SuperLU
 
 from zoomout_core.arrays import Floats, Integers
+from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.geometry.procrustes import nearest_rotations
-from zoomout_core.geometry.screened_smoothing import ScreenedSmoothing
+from zoomout_core.geometry.screened_smoothing import ScreenedSmoothing, screened_stiffness
+from zoomout_core.geometry.sparse_solve import factorise
 from zoomout_core.mesh.triangles import unique_edges, vertex_normals
+from zoomout_core.spectral.laplacian import mesh_laplacian
 from zoomout_core.transfer.frames import Frames, products_of_gradients
 
 # Minimum weight of a goal: parts without any goal would make the system singular.
@@ -34,6 +37,15 @@ class Pins:
     def vertices(self) -> Integers:
         """The corners of the places."""
         return np.unique(self.matrix.indices)
+
+    def on(self, rest: Floats, vertices: Floats, triangles: Integers) -> Pins:
+        """The same pins on another mesh (c, 3), (m, 3) of the same rest shape (n, 3)."""
+        if not len(self.positions):
+            return Pins(csr_array((0, len(vertices))), self.positions)
+        triangle, barycentric = closest_points(self.matrix @ rest, vertices, triangles)
+        rows = np.repeat(np.arange(len(triangle)), 3)
+        entries = barycentric.ravel(), (rows, triangles[triangle].ravel())
+        return Pins(csr_array(entries, shape=(len(triangle), len(vertices))), self.positions)
 
     def enforce(self, positions: Floats) -> Floats:
         """(n, 3) positions that satisfy the pins: only corners of the places move, as little as possible."""
@@ -73,6 +85,13 @@ class RestMesh:
         averaging = ScreenedSmoothing.of(areas, stiffness, averaged_over)
         shape = working.vertices, working.vertex_normals, working.oriented_triangles
         return cls(*shape, stiffness, areas, scales, np.sign(turns), averaging)
+
+    def coarsen(self, vertices: Integers, triangles: Integers) -> RestMesh:
+        """The rest mesh on some of the vertices (c,), with other triangles (m, 3)."""
+        rest, scales, handedness = self.rest[vertices], self.scales[vertices], self.handedness[vertices]
+        stiffness, areas = mesh_laplacian(rest, triangles)
+        averaging = ScreenedSmoothing.of(areas, stiffness, self.averaging.length)
+        return RestMesh(rest, self.normals[vertices], triangles, stiffness, areas, scales, handedness, averaging)
 
     def loads(self, rotations: Floats) -> Floats:
         """(n, 3) stiffness applied to positions with the edges at rest, rotated (n, 3, 3) and scaled."""
@@ -134,6 +153,33 @@ class Elastic:
         sense = rest_mesh.handedness[:, None, None]
         return sense * nearest_rotations(sense * averaged)
 
+    def release(self, pull: Floats, vertices: Integers) -> Patch:
+        """The system with other weights (n,) of the goals, at some vertices (c,); the others stay where they are."""
+        weights = np.maximum(pull, MIN_PULL) * self._rest_mesh.areas
+        rows = csr_array(screened_stiffness(weights, self._rest_mesh.stiffness, self._smoothing.length))[vertices]
+        own = csc_array(rows[:, vertices])
+        return Patch(vertices, replace(self._smoothing, weights=weights, factors=factorise(own)), rows)
+
     def smooth(self, values: Floats) -> Floats:
         """Values (n, d), smoothed where vertices have goals, and extrapolated where they have none."""
         return self._smoothing.smooth(values)
+
+
+@dataclass(frozen=True, eq=False)
+class Patch:
+    """The linear system of an elastic mesh at some of its vertices; the others have given values."""
+
+    vertices: Integers  # (c,)
+    smoothing: ScreenedSmoothing  # the weights of all n vertices, and the factors of the system of the patch
+    rows: csr_array  # (c, n) the rows of the system of all vertices
+
+    def solve(self, goals: Floats, loads: Floats, positions: Floats) -> Floats:
+        """(n, 3) solutions for goals (n, 3) and loads (n, 3), see `Elastic.solve`; elsewhere positions (n, 3)."""
+        residual = self.smoothing.loads(goals, loads)[self.vertices] - self.rows @ positions
+        solved = positions.copy()
+        solved[self.vertices] += self.smoothing.solve(residual)
+        return solved
+
+    def smooth(self, values: Floats, smoothed: Floats) -> Floats:
+        """(n, d) values (n, d), smoothed in the patch; elsewhere smoothed values (n, d)."""
+        return self.solve(values, np.zeros_like(values), smoothed)

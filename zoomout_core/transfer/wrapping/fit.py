@@ -5,11 +5,12 @@ The images of the target's vertices are noisy, folded in places, and as uneven a
 rotated with their surroundings by the map, regularise them. Each round updates the rotations, then solves for positions
 near the goals of the vertices: closest points with similar normals, source vertices that no vertex would reach, and
 images where the map is sound. All rounds of a stage have the same matrix and share one factorisation (as in projective
-dynamics, Bouaziz et al. 2014).
+dynamics, Bouaziz et al. 2014). The stiff stages of large targets run on a coarse copy, which resolves their motion.
 """
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,9 +19,10 @@ from scipy.sparse import csr_array
 from zoomout_core.arrays import Booleans, Floats, segment_sum
 from zoomout_core.geometry.procrustes import SMALLEST
 from zoomout_core.mesh.triangles import area_normals, edge_lengths, triangle_areas
-from zoomout_core.runtime.progress import advance
+from zoomout_core.runtime.progress import advance, portion
 from zoomout_core.transfer.frames import frames_of, on_working_mesh
 from zoomout_core.transfer.mapped_target import MappedTarget
+from zoomout_core.transfer.wrapping.coarsening import Coarsening
 from zoomout_core.transfer.wrapping.elastic import Elastic, Pins, RestMesh
 from zoomout_core.transfer.wrapping.projections import Projections
 from zoomout_core.tuning import Tuning, tuned
@@ -37,6 +39,9 @@ class FitTuning(Tuning, set_by="wrap"):
         stages: number of stages from coarse to the last one.
         rounds: rounds of each stage.
         last_rounds: further rounds, in which projections move along the source.
+        coarse_vertices: number of vertices of the coarse copy of the target on which the first stages are run.
+        worthwhile: minimum ratio of the target's vertices to those of the copy; other targets have none.
+        spacings: stages are run on the copy if their length is at least this multiple of its vertex spacing.
         averaged_over: length over which rotations and errors of the map are averaged.
         scales_over: length over which scales are averaged.
         max_growth: maximum growth of a face by the map, relative to its surroundings; beyond it the map is wrong there.
@@ -50,6 +55,9 @@ class FitTuning(Tuning, set_by="wrap"):
     stages: int = tuned(5, "stages", 2, 100)
     rounds: int = tuned(5, "rounds", 1, 100)
     last_rounds: int = tuned(6, "rounds", 0, 100)
+    coarse_vertices: int = tuned(5000, "vertices", 4, 10**6)
+    worthwhile: float = tuned(2.0, "1", 1, 10**6)
+    spacings: float = tuned(1.0, "1", 0, 1000)
     averaged_over: float = tuned(0.02, "at unit area", 1e-6, 1)
     scales_over: float = tuned(0.1, "at unit area", 1e-6, 1)
     max_growth: float = tuned(2.45, "1", 1, 100)
@@ -77,7 +85,10 @@ class Fit:
         turns: (n, 3, 3) rotations of its vertices.
         trust: (n,) how far the map is followed.
         length: length over which edges resist in the last stage, at unit area.
+        elastic: the system of the last stage, after `run`.
     """
+
+    elastic: Elastic
 
     def __init__(self, mapped: MappedTarget, weight: Floats, given: Booleans, pins: Pins, smoothness: float) -> None:
         frames = frames_of(mapped)
@@ -94,28 +105,63 @@ class Fit:
     def run(self) -> None:
         """Move the target near the source, in stages from stiff to soft."""
         lengths = np.geomspace(FIT.coarse, self.length, FIT.stages)
-        positions, done, rounds = self.projections.images, 0, FIT.stages * FIT.rounds + FIT.last_rounds
+        rounds = FIT.stages * FIT.rounds + FIT.last_rounds
+        positions, number = self.projections.images, self._coarse_stages(lengths)
+        if number:
+            with portion(0, 0):
+                coarsening = Coarsening.of(self.working.vertices, self.working.oriented_triangles, FIT.coarse_vertices)
+            with portion(0, number * FIT.rounds / rounds):
+                positions = self._lift_stages(coarsening, lengths[:number])
+        with portion(number * FIT.rounds / rounds, 1 - FIT.last_rounds / rounds):
+            self.elastic, positions = self._run_stages(lengths[number:], positions, first=not number)
+        with portion(1 - FIT.last_rounds / rounds, 1):
+            self.projections.jump(positions)
+            for done in range(FIT.last_rounds):
+                self.turns = self.elastic.turns(positions)
+                self.projections.walk(positions)
+                goals = self.projections.with_images(self._image_pull)
+                positions = self.elastic.solve(goals, self.rest_mesh.loads(self.turns))
+                advance((done + 1) / FIT.last_rounds)
+        self.turns = self.elastic.turns(positions)
+        self.projections.walk(positions)
+
+    def _coarse_stages(self, lengths: Floats) -> int:
+        """How many of the stages, by their lengths (s,), are run on a coarse copy of the target; never the last."""
+        if len(self.weight) < FIT.worthwhile * FIT.coarse_vertices:
+            return 0
+        return min(int((lengths >= FIT.spacings / np.sqrt(FIT.coarse_vertices)).sum()), len(lengths) - 1)
+
+    def _lift_stages(self, coarsening: Coarsening, lengths: Floats) -> Floats:
+        """(n, 3) positions after stages of lengths (s,) on a coarse copy."""
+        some, rest = coarsening.vertices, self.rest_mesh.rest
+        coarse = copy(self)
+        coarse.rest_mesh = self.rest_mesh.coarsen(some, coarsening.triangles)
+        coarse.projections = self.projections.coarsen(some, coarsening.triangles)
+        coarse.weight, coarse.trust, coarse.turns = self.weight[some], self.trust[some], self.turns[some]
+        coarse._image_pull = self._image_pull[some]
+        coarse.pins = self.pins.on(rest, rest[some], coarsening.triangles)
+        elastic, positions = coarse._run_stages(lengths, coarse.projections.images, first=True)
+        linear = coarse.rest_mesh.scales[:, None, None] * elastic.turns(positions)
+        return coarsening.lift(rest, positions, linear, self.projections.images)
+
+    def _run_stages(self, lengths: Floats, positions: Floats, first: bool) -> tuple[Elastic, Floats]:
+        """Run stages of lengths (s,) from positions (n, 3); the first one starts from the map.
+
+        Returns the system of the last stage, and (n, 3) positions.
+        """
         for stage, length in enumerate(lengths):
-            elastic = Elastic(self.rest_mesh, self.weight if stage else self.trust, length, self.pins)
+            from_map = first and not stage
+            elastic = Elastic(self.rest_mesh, self.trust if from_map else self.weight, length, self.pins)
             for number in range(FIT.rounds):
                 goals = self.projections.images
-                if stage:
+                if not from_map:
                     self.projections.jump(positions)
                     goals = self.projections.goals(positions, self._image_pull)
-                if stage or number:
+                if number or not from_map:
                     self.turns = elastic.turns(positions)
                 positions = elastic.solve(goals, self.rest_mesh.loads(self.turns))
-                done += 1
-                advance(done / rounds)
-        self.projections.jump(positions)
-        for _ in range(FIT.last_rounds):
-            self.turns = elastic.turns(positions)
-            self.projections.walk(positions)
-            positions = elastic.solve(self.projections.with_images(self._image_pull), self.rest_mesh.loads(self.turns))
-            done += 1
-            advance(done / rounds)
-        self.turns = elastic.turns(positions)
-        self.projections.walk(positions)
+                advance((stage * FIT.rounds + number + 1) / (len(lengths) * FIT.rounds))
+        return elastic, positions
 
     def form(self) -> Floats:
         """(n, 3) positions of the target's own form, fitted to its projections over long distances only."""

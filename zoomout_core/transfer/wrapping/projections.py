@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -74,6 +75,18 @@ class Projections:
         agreement = np.einsum("nx,nx->n", turned_normals, self.normals)
         component = np.bincount(working.component, agreement)
         self.outwards = np.where(component < 0, -1.0, 1.0)[working.component]
+
+    def coarsen(self, vertices: Integers, triangles: Integers) -> Projections:
+        """Projections of some vertices (c,), with other triangles (m, 3); they share the search of the source."""
+        coarse = copy(self)
+        coarse._search = self._search
+        coarse._corners, coarse.outwards = triangles, self.outwards[vertices]
+        coarse.triangle, coarse._barycentric = self.triangle[vertices], self._barycentric[vertices]
+        coarse.images, coarse.places = self.images[vertices], self.places[vertices]
+        # About one for each vertex: with more, these would outweigh its projection.
+        every = max(1, len(self._attractors[0]) // len(vertices))
+        coarse._attractors = self._attractors[0][::every], self._attractors[1][::every]
+        return coarse
 
     @property
     def normals(self) -> Floats:

@@ -10,7 +10,7 @@ import numpy as np
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.mesh.triangles import area_normals, triangle_normals
 from zoomout_core.runtime.progress import advance
-from zoomout_core.transfer.wrapping.elastic import MIN_PULL, Elastic, neighbour_means
+from zoomout_core.transfer.wrapping.elastic import MIN_PULL, neighbour_means
 from zoomout_core.transfer.wrapping.fit import Fit, turn_normals
 from zoomout_core.tuning import Tuning, tuned
 
@@ -35,6 +35,9 @@ class UnfoldTuning(Tuning, set_by="wrap"):
 
 
 UNFOLD = UnfoldTuning()
+# Distance up to which the release of a vertex moves others, in lengths over which edges resist: there the motion has
+# decreased by about exp(-5).
+REACH = 5
 
 
 class Unfolding:
@@ -62,24 +65,31 @@ class Unfolding:
         fit, turns = self._fit, self._fit.turns
         normals = turn_normals(fit.working.vertex_normals, fit.turns)
         pull, onto = fit.weight, fit.weight * fit.projections.facing(fit.projections.outwards[:, None] * normals)
+        places, elastic = fit.projections.places, fit.elastic
+        solved = elastic.solve(places, fit.rest_mesh.loads(turns))
+        smoothed = elastic.smooth(places - solved)
+        some: Integers = np.empty(0, dtype=np.int64)  # the vertices that the last release moves
         for release in range(UNFOLD.releases):
-            elastic = Elastic(fit.rest_mesh, pull, fit.length, fit.pins)
-            elastic_positions = elastic.solve(fit.projections.places, fit.rest_mesh.loads(turns))
-            if release:  # released vertices rotate with their surroundings
-                turns = elastic.turns(elastic_positions)
-                elastic_positions = elastic.solve(fit.projections.places, fit.rest_mesh.loads(turns))
+            if len(some):
+                places, turns = fit.projections.places, turns.copy()
+                patch = elastic.release(pull, some)
+                solved = patch.solve(places, fit.rest_mesh.loads(turns), solved)
+                turns[some] = elastic.turns(solved)[some]
+                solved = patch.solve(places, fit.rest_mesh.loads(turns), solved)
+                smoothed = patch.smooth(places - solved, smoothed)
                 self._expected = self._turn_normals(turns)
             advance((release + 0.5) / UNFOLD.releases)
-            elastic_positions = elastic_positions + elastic.smooth(fit.projections.places - elastic_positions)
             onto = np.minimum(onto, pull)
-            positions, onto = self._relax(elastic_positions, onto)
+            positions, onto = self._relax(solved + smoothed, onto)
             turned = self.turned_triangles(positions)
             if not turned.any():
                 break
-            held = self._at(turned | self.turned_triangles(elastic_positions)).astype(np.float64)
+            held = self._at(turned | self.turned_triangles(solved + smoothed)).astype(np.float64)
             for _ in range(release + release // 2 + 1):
                 held = np.maximum(held, self._means @ held)
             pull = np.maximum(pull * (1 - held), MIN_PULL)
+            # Released vertices move and rotate with their surroundings; what is farther away hardly moves.
+            some = self._free_near(held > 0)
             advance((release + 1) / UNFOLD.releases)
         return self._flatten(positions)
 
@@ -137,7 +147,15 @@ class Unfolding:
 
     def _free_around(self, triangles: Booleans, rings: int) -> Integers:
         """The vertices within some rings of some triangles (m,) that are not pinned."""
-        around = self._at(triangles)
+        return np.flatnonzero(self._grow(self._at(triangles), rings) & self._free)
+
+    def _free_near(self, vertices: Booleans) -> Integers:
+        """The vertices that the release of some vertices (n,) moves, and that are not pinned."""
+        rings = 1 + int(np.ceil(REACH * self._fit.length * np.sqrt(len(vertices))))
+        return np.flatnonzero(self._grow(vertices, rings) & self._free)
+
+    def _grow(self, vertices: Booleans, rings: int) -> Booleans:
+        """(n,) which vertices are within some rings of some of them (n,)."""
         for _ in range(rings):
-            around |= self._means @ around > 0
-        return np.flatnonzero(around & self._free)
+            vertices = vertices | (self._means @ vertices > 0)
+        return vertices
