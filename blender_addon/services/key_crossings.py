@@ -4,13 +4,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, reduce
 
 import numpy as np
 import scipy
 
 import zoomout_core as zo
-from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.arrays import Booleans, Floats, Integers, row_norms, take_rows
 from zoomout_core.mesh.triangles import triangle_normals
 
 from ..mesh_data import crossing_triangles
@@ -47,9 +47,9 @@ class Crossings:
         Vertices whose map is not valid are left out.
         """
         found = np.zeros(len(self.target.vertices), dtype=bool)
-        triangles, length = self.target.triangles, np.linalg.norm(of_target, axis=1)
+        triangles, length = self.target.triangles, row_norms(of_target)
         largest = float(length.max(initial=0))
-        moving = (length > STILL * largest)[triangles].any(axis=1)
+        moving = _at_any(length > STILL * largest, triangles)
         if not moving.any():
             return found
         for strength in STRENGTHS:
@@ -94,37 +94,41 @@ class Crossings:
 
 def _crossing(posed: Floats, triangles: Integers, chosen: Booleans) -> Integers:
     """Pairs (p, 2) of triangles that cross, of which one is among some chosen ones (m,)."""
-    first = np.flatnonzero(chosen)
-    if len(first) in (0, len(chosen)):
-        return crossing_triangles(posed, triangles, first, first[:0])
-    still = np.flatnonzero(~chosen)
-    still = still[_are_near(posed[triangles[still]], posed[triangles[first]])]
-    return crossing_triangles(posed, triangles, first, still)
+    first, others = np.flatnonzero(chosen), np.flatnonzero(~chosen)
+    if len(first) and len(others):
+        others = np.flatnonzero(_are_near(posed, triangles, chosen))
+    return crossing_triangles(posed, triangles, first, others)
 
 
-def _are_near(some: Floats, others: Floats) -> Booleans:
-    """(s,) which triangles (s, 3, 3) are in cells of a grid in or beside which others (o, 3, 3) are.
+def _are_near(posed: Floats, triangles: Integers, chosen: Booleans) -> Booleans:
+    """(m,) which triangles that are not chosen (m,) are in the cells of a grid in or beside which chosen ones are.
 
-    Cells are at least as large as the triangles, so that none that crosses another one is left out.
+    Cells are at least as large as the triangles, so that none that crosses a chosen one is left out.
     """
-    low, high = others.min(axis=(0, 1)), others.max(axis=(0, 1))
-    first, last = some.min(axis=1), some.max(axis=1)
-    near = ((first <= high) & (last >= low)).all(axis=1)
-    sizes = (high - low).max() / CELLS, np.ptp(others, axis=1).max(), (last - first)[near].max(initial=0)
-    size = max(*map(float, sizes), np.finfo(float).tiny)
+    corners = [take_rows(posed, corner) for corner in triangles.T]
+    first, last = reduce(np.minimum, corners), reduce(np.maximum, corners)
+    low, high = first[chosen].min(axis=0), last[chosen].max(axis=0)
+    near = reduce(np.logical_and, ((first <= high) & (last >= low)).T)
+    size = max(float((high - low).max()) / CELLS, float((last - first)[near].max()), np.finfo(float).tiny)
     shape = np.floor((high - low) / size).astype(np.int64) + 1 + 2 * BESIDE
+    cells = np.floor((posed - low) / size).astype(np.int64) + BESIDE
     occupied = np.zeros(shape, dtype=np.uint8)
-    occupied[tuple(np.floor((others - low) / size).astype(np.int64).reshape(-1, 3).T + BESIDE)] = 1
+    occupied[tuple(cells[np.unique(triangles[chosen])].T)] = 1
     occupied = scipy.ndimage.maximum_filter(occupied, 2 * BESIDE + 1)
-    cells = np.floor((some[near] - low) / size).astype(np.int64) + BESIDE
-    inside = ((cells >= 0) & (cells < shape)).all(axis=2)
-    near[near] = (inside & (occupied[tuple(np.moveaxis(np.clip(cells, 0, shape - 1), 2, 0))] > 0)).any(axis=1)
-    return near
+    inside = np.flatnonzero(reduce(np.logical_and, ((cells >= 0) & (cells < shape)).T))
+    reached = np.zeros(len(posed), dtype=bool)
+    reached[inside] = occupied[tuple(cells[inside].T)] > 0
+    return near & _at_any(reached, triangles) & ~chosen
+
+
+def _at_any(chosen: Booleans, triangles: Integers) -> Booleans:
+    """(m,) which triangles (m, 3) have a corner among some vertices (n,)."""
+    return np.asarray(reduce(np.logical_or, [chosen[corner] for corner in triangles.T]))
 
 
 def _without(pairs: Integers, triangles: Integers, known: Booleans) -> Integers:
     """The pairs (p, 2) of triangles that are not both at known vertices (n,)."""
-    return pairs[~known[triangles].any(axis=1)[pairs].all(axis=1)]
+    return pairs[~_at_any(known, triangles)[pairs].all(axis=1)]
 
 
 def _without_neighbours(pairs: Integers, triangles: Integers, vertices: Floats) -> Integers:
@@ -150,5 +154,5 @@ def _depths_below(posed: Floats, triangles: Integers, others: Integers) -> Float
 def _widen(chosen: Booleans, triangles: Integers) -> Booleans:
     """Some vertices (n,), and those that share a triangle with them."""
     wider = chosen.copy()
-    wider[triangles[chosen[triangles].any(axis=1)]] = True
+    wider[triangles[_at_any(chosen, triangles)]] = True
     return wider

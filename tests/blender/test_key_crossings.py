@@ -24,7 +24,7 @@ def plate():
 def plate_and_ball(height=-1.0, sheet=None):
     """A plate and a ball below it, both not aligned with each other."""
     sphere = ball(RADIUS, count=300)
-    return zo.Surface.joined([sheet or plate(), sphere.with_vertices(sphere.vertices + [0.03, 0.02, height])])
+    return zo.Surface.joined([sheet or plate(), sphere.with_vertices(sphere.vertices + np.array([0.03, 0.02, height]))])
 
 
 def raised(surface, by):
