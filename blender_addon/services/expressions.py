@@ -112,7 +112,7 @@ def _sources_of(first: str, match: Match) -> list[str]:
 
 
 def _read_crossings(source: _Parts, target: _Parts, matches: Mapping[str, tuple[str, Match]]) -> Crossings:
-    """What finds intersections on targets, by their names, along their matches with the first of their sources."""
+    """The finder of intersections on targets, by their names and their matches with the first of their sources."""
     images = np.full((len(target.surface.vertices), 3), -1)
     for name, (first, match) in matches.items():
         names, corners = _sources_of(first, match), match.surface_map.source_triangles

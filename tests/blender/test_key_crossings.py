@@ -28,7 +28,7 @@ def plate_and_ball(height=-1.0, sheet=None):
 
 
 def raised(surface, by):
-    """What a key adds that moves the ball up."""
+    """The offsets of a key that moves the ball up."""
     return np.where(np.arange(len(surface.vertices))[:, None] < len(surface.vertices) - 300, 0, by * UP)
 
 
