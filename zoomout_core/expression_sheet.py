@@ -22,7 +22,7 @@ from zoomout_core.runtime.progress import advance, stage
 WIDTH, HEIGHT, LINE, GAP = 170, 190, 18, 8
 # Width of a sheet over its height.
 SHAPE = 1.6
-# Colours of paper, text and skin; red marks vertices at stretched edges.
+# Colours of paper, text and skin; red marks faults of keys.
 PAPER, INK, SKIN = np.full(3, 0.97), np.full(3, 0.1), np.array([0.86, 0.81, 0.77])
 MARK = BAD_TO_GOOD[0]
 # A head is seen from this far to its side, in degrees, so that lips and chin have a profile.

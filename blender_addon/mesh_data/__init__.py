@@ -34,6 +34,7 @@ from .base import (
     values_through_modifiers,
 )
 from .body_keys import BodyKeys, read_body_keys, write_body_keys
+from .crossings import crossing_triangles
 from .cutting import divide, write_divided
 from .image_nodes import ImageRole, ImageUse, copy_with_images, read_image_uses
 from .images import ImageFormat, read_tiles, write_image
@@ -218,6 +219,7 @@ __all__ = [
     "copy_rig",
     "copy_with_images",
     "count_layers",
+    "crossing_triangles",
     "deforming_bones",
     "directions_in_world",
     "divide",

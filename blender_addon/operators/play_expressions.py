@@ -10,7 +10,7 @@ from bpy.types import Context
 from zoomout_core.messages import message
 
 from ..mesh_data import HeldKeys
-from ..services.expressions import Stretched, names_of_keys, stretch_of_keys
+from ..services.expressions import Faults, faults_of_keys, names_of_keys
 from ..viewport import overlay, preview
 from .play import PlayOperator
 
@@ -23,8 +23,9 @@ class ZOOMOUT_OT_play_expressions(PlayOperator):
     bl_label = "Play Expressions"
     bl_description = (
         "Play the shape keys of the active mesh, and of the source that it was matched with, at half and at full "
-        "strength. Vertices at edges that stretch far more than on the source are red. The arrow keys go to other "
-        "keys; a click or ESC ends it and restores the values"
+        "strength. Red: edges that stretch far more than on the source, and faces that go through others, such as "
+        "lips through teeth, unlike at rest and on the source. The arrow keys go to other keys; a click or ESC ends it "
+        "and restores the values"
     )
     bl_options = {"REGISTER"}
     seconds = 2.0
@@ -41,7 +42,7 @@ class ZOOMOUT_OT_play_expressions(PlayOperator):
     def start(self, context: Context) -> int:
         target = context.active_object
         self._keys = names_of_keys(target)
-        self._found: Stretched = stretch_of_keys(context, target)
+        self._found: Faults = faults_of_keys(context, target)
         names = [target.name, *self._found.sources]
         self._held = {name: HeldKeys(bpy.data.objects[name]) for name in names}
         self._uid, self._colored = target.session_uid, ""
@@ -71,7 +72,7 @@ class ZOOMOUT_OT_play_expressions(PlayOperator):
                 held.restore(bpy.data.objects[name])
 
     def _color(self, name: str) -> None:
-        """Colour what a key stretches, and nothing for a key that stretches nothing."""
+        """Colour the faults of a key, and nothing for a key without any."""
         self._colored = name
         colors = self._found.colors(name)
         if colors is None:

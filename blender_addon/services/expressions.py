@@ -1,19 +1,20 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Review transferred expression keys: edges that they stretch, and a contact sheet of all keys."""
+"""Review transferred keys: edges that they stretch, faces that they push through others, and a sheet of all keys."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from bpy.types import Context, Object
 
 import zoomout_core as zo
-from zoomout_core.arrays import Booleans, Bytes, Floats
+from zoomout_core.arrays import Booleans, Bytes, Floats, Integers
 from zoomout_core.drawing import draw_triangles
 from zoomout_core.expression_sheet import INK, PAPER, Head, draw_sheet
-from zoomout_core.runtime.progress import portion, stage
+from zoomout_core.runtime.progress import advance, portion, stage
 from zoomout_core.transfer.rigging.stretch import play_offsets, stretched_edges
 
 from .. import mesh_data
@@ -22,11 +23,12 @@ from ..jobs import run
 from ..scene.pair import find_mesh
 from ..scene.stored_pair import read_stored_match
 from ..storage.stored_match import Match
+from .key_crossings import Crossings
 
 # Height of letters, relative to that of their line, and their distance from its left and lower border.
 LETTERS, INDENT, BASE = 0.75, 0.25, 0.3
-# Fraction of the progress for looking for stretched edges.
-LOOKING = 0.2
+# Fractions of the progress until stretched edges, and until intersections are found.
+STRETCHED, CROSSING = 0.1, 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,12 +38,14 @@ class _Parts:
     Attributes:
         surface: their meshes, in world space.
         keys: by name, what each key adds at full strength, (n, 3) in world space.
-        first: the first vertex of each object, by its name.
+        vertices: the numbers of the vertices of each object, by its name.
+        triangles: the number of triangles of each object.
     """
 
     surface: zo.Surface
     keys: dict[str, Floats]
-    first: dict[str, int]
+    vertices: dict[str, Integers]
+    triangles: dict[str, int]
 
     @property
     def head(self) -> Head:
@@ -57,10 +61,12 @@ class Review:
         sheet: picture of all keys, (height, width, 3), rows from top to bottom.
         stretched: by target and key, the number of vertices at edges that stretch much more than on the source; only
             where there are some.
+        crossing: likewise, the number of vertices of faces that cross others, see `Crossings`.
     """
 
     sheet: Bytes
     stretched: dict[str, dict[str, int]] = field(default_factory=dict)
+    crossing: dict[str, dict[str, int]] = field(default_factory=dict)
 
 
 def review_expressions(context: Context, sources: Sequence[str], matches: Mapping[str, tuple[str, Match]]) -> Review:
@@ -77,49 +83,95 @@ def review_expressions(context: Context, sources: Sequence[str], matches: Mappin
     source, target = _read_parts(context, sources), _read_parts(context, list(matches))
     if not source.keys:
         raise zo.MeshError("'{name}' has no shape keys: add or transfer some first.", name=sources[0])
-    marks = {name: np.zeros(len(target.surface.vertices), dtype=bool) for name in source.keys}
-    counts: dict[str, dict[str, int]] = {}
-    with portion(0, LOOKING), stage("Looking for stretched edges"):
+    marks = {key: np.zeros(len(target.surface.vertices), dtype=bool) for key in source.keys}
+    stretched: dict[str, dict[str, int]] = {}
+    crossing: dict[str, dict[str, int]] = {name: {} for name in matches}
+    with portion(0, STRETCHED), stage("Looking for stretched edges"):
         for name, (first, match) in matches.items():
-            others = getattr(match, "others", ())
-            own = find_stretched(context, [first, *others], name, match)
-            counts[name] = {key: int(found.sum()) for key, found in own.items() if found.any()}
+            own = find_stretched(context, _sources_of(first, match), name, match)
+            stretched[name] = {key: int(found.sum()) for key, found in own.items() if found.any()}
             for key, found in own.items():
-                marks[key][target.first[name] :][: len(found)] = found
-    with portion(LOOKING, 1):
-        return Review(draw_sheet(source.head, target.head, marks, _draw_text), counts)
+                marks[key][target.vertices[name]] = found
+    with portion(STRETCHED, CROSSING), stage("Looking for intersections"):
+        crossings = _read_crossings(source, target, matches)
+        shared = [key for key in source.keys if key in target.keys]
+        for number, key in enumerate(shared):
+            advance(number / len(shared))
+            found = crossings.find(source.keys[key], target.keys[key])
+            marks[key] |= found
+            counts = {name: int(found[numbers].sum()) for name, numbers in target.vertices.items()}
+            for name in matches:
+                crossing[name] |= {key: counts[name]} if counts[name] else {}
+    with portion(CROSSING, 1):
+        return Review(draw_sheet(source.head, target.head, marks, _draw_text), stretched, crossing)
+
+
+def _sources_of(first: str, match: Match) -> list[str]:
+    """The names of the objects that a match leads to, by the name of the first one."""
+    return [first, *getattr(match, "others", ())]
+
+
+def _read_crossings(source: _Parts, target: _Parts, matches: Mapping[str, tuple[str, Match]]) -> Crossings:
+    """The finder of intersections on targets, by their names and their matches with the first of their sources."""
+    images = np.full((len(target.surface.vertices), 3), -1)
+    for name, (first, match) in matches.items():
+        names, corners = _sources_of(first, match), match.surface_map.source_triangles
+        if sum(source.triangles[each] for each in names) == len(corners):  # else modifiers change their faces
+            numbers = np.concatenate([source.vertices[each] for each in names])
+            images[target.vertices[name]] = numbers[corners[match.surface_map.triangle]]
+    return Crossings(source.surface, target.surface, images)
 
 
 @dataclass(frozen=True, eq=False)
-class Stretched:
-    """The faces that the keys of a matched object stretch.
+class Faults:
+    """The faults of the keys of a matched object.
 
     Attributes:
         sources: names of the objects that it was matched with; none if it has no match.
-        vertices: by key, the vertices (n_t,) at edges that stretch much more than on the source; only where there are
-            some.
+        stretched: by key, the vertices (n_t,) at edges that stretch much more than on the source.
+        keys: by key that both have, what it adds to the sources (n_s, 3) and to the object (n_t, 3).
+        crossings: finds faces that cross others; None without a match.
         content: hash of the object's mesh, see `mesh_data.content_hash`.
     """
 
     sources: tuple[str, ...]
-    vertices: dict[str, Booleans]
+    stretched: dict[str, Booleans]
+    keys: dict[str, tuple[Floats, Floats]]
+    crossings: Crossings | None
     content: str
 
     def colors(self, key: str) -> Floats | None:
-        """(n_t, 3) colours of the vertices for a key; None if it stretches nothing."""
-        found = self.vertices.get(key)
-        return None if found is None else stretched_colors(found)
+        """(n_t, 3) colours of the vertices for a key; None if it has no fault.
+
+        Intersections are computed when a key is first coloured, since those of all keys take seconds.
+        """
+        if self.crossings is None or key not in self.keys:
+            return None
+        if key not in self._found:
+            self._found[key] = self.crossings.find(*self.keys[key]) | self.stretched.get(key, False)
+        found = self._found[key]
+        return stretched_colors(found) if found.any() else None
+
+    @cached_property
+    def _found(self) -> dict[str, Booleans]:
+        return {}
 
 
-def stretch_of_keys(context: Context, target: Object) -> Stretched:
-    """The faces that an object's keys stretch, along its stored match; none without a valid match."""
+def faults_of_keys(context: Context, target: Object) -> Faults:
+    """The faults of an object's keys, along its stored match; none without a valid match.
+
+    Intersections are those of the object with itself.
+    """
     content = mesh_data.content_hash(target.data)
     try:
         pair, match = run(read_stored_match(context, target.name))
     except zo.MeshError:  # no match, or a mesh was edited since
-        return Stretched((), {}, content)
-    found = find_stretched(context, pair.source_names, target.name, match)
-    return Stretched(pair.source_names, {key: each for key, each in found.items() if each.any()}, content)
+        return Faults((), {}, {}, None, content)
+    names = pair.source_names
+    source, own = _read_parts(context, names), _read_parts(context, [target.name])
+    keys = {key: (source.keys[key], own.keys[key]) for key in source.keys if key in own.keys}
+    crossings = _read_crossings(source, own, {target.name: (names[0], match)})
+    return Faults(names, find_stretched(context, names, target.name, match), keys, crossings, content)
 
 
 def names_of_keys(obj: Object) -> list[str]:
@@ -160,18 +212,19 @@ def find_stretched(context: Context, sources: Sequence[str], target: str, match:
 
 def _read_parts(context: Context, names: Iterable[str]) -> _Parts:
     objects = [find_mesh(context, name) for name in names]
-    surfaces, keys, first, count = [], list[dict[str, Floats]](), dict[str, int](), 0
+    surfaces, keys, vertices, count = list[zo.Surface](), list[dict[str, Floats]](), dict[str, Integers](), 0
     for obj in objects:
         at_rest = mesh_data.read_surface_at_rest(obj, positions=mesh_data.read_rest_positions(obj.data))
         surfaces.append(at_rest.with_vertices(mesh_data.positions_in_world(obj, at_rest.vertices)))
         keys.append(_offsets_in_world(obj))
-        first[obj.name] = count
+        vertices[obj.name] = count + np.arange(len(at_rest.vertices))
         count += len(at_rest.vertices)
     joined = {name: np.zeros((count, 3)) for own in keys for name in own}
     for obj, own in zip(objects, keys, strict=True):
         for name, offsets in own.items():
-            joined[name][first[obj.name] :][: len(offsets)] = offsets
-    return _Parts(zo.Surface.joined(surfaces), joined, first)
+            joined[name][vertices[obj.name]] = offsets
+    triangles = {obj.name: len(each.triangles) for obj, each in zip(objects, surfaces, strict=True)}
+    return _Parts(zo.Surface.joined(surfaces), joined, vertices, triangles)
 
 
 def _offsets_in_world(obj: Object) -> dict[str, Floats]:

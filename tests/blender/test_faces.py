@@ -23,6 +23,9 @@ KEYS = {
     "cheekPuff": ((0.3, -0.5, 0.2), (0, -0.1, 0)),
 }
 
+# The eye of the head that receives the keys: cheekPuff pushes the skin into it.
+CLOSER = 0.3, -0.78, 0.1
+
 
 def add_expressions(obj):
     """Four keys of a head, each in a place of its own."""
@@ -52,13 +55,13 @@ def _draw_quickly(monkeypatch):
 
 @pytest.fixture
 def files(tmp_path, empty_scene):
-    """A head with keys and an eye without, and the same with other triangles and without keys."""
+    """A head with keys and an eye without, and the same with other triangles, without keys and the eye in their way."""
     made = []
     for name in ("hero", "scan"):
         bpy.ops.wm.read_homefile(use_empty=True)
         head = add_expressions(ellipsoid("Hero", 4)) if name == "hero" else decimate("Scan", 4)
         eye = ellipsoid(f"{head.name} Eye", 2, (0.1, 0.1, 0.1))
-        eye.location = 0.4, -0.9, 0.1
+        eye.location = (0.4, -0.9, 0.1) if name == "hero" else CLOSER
         made.append(tmp_path / f"{name}.blend")
         bpy.ops.wm.save_as_mainfile(filepath=str(made[-1]), copy=True)
     return made
@@ -84,6 +87,7 @@ def test_all_keys_are_drawn_and_renamed(files, tmp_path, capsys):
     assert list(done) == ["Scan"]  # the eye has no keys to receive
     assert done["Scan"]["written"]["shape_keys"] == list(KEYS)
     assert done["Scan"]["stretched_by_keys"] == {}
+    assert list(done["Scan"]["crossing_by_keys"]) == ["cheekPuff"]
     assert "browInnerUp = browInnerUp_L + browInnerUp_R" in done["Scan"]["notes"][-1]
     bpy.ops.wm.open_mainfile(filepath=str(out))
     assert bpy.data.objects["Scan"].data.shape_keys.key_blocks.keys() == ["Basis", *KEYS, "browInnerUp"]

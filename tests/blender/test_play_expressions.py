@@ -4,13 +4,16 @@
 import bpy
 import numpy as np
 import pytest
+from mathutils import Vector
 from playing import playing
-from scenes import activate, ellipsoid, snapshot_file
+from scenes import activate, ellipsoid, positions, snapshot_file
 from test_faces import add_expressions
 
+from blender_addon.colors import stretched_colors
 from blender_addon.mesh_data import HeldKeys
 from blender_addon.operators import modal, play
 from blender_addon.operators.play_expressions import ZOOMOUT_OT_play_expressions
+from blender_addon.services import expressions
 from blender_addon.services.matching.match import match_objects
 from blender_addon.viewport import overlay
 
@@ -81,6 +84,20 @@ def test_stretched_vertices_are_red_for_the_key_that_stretches_them(pair, operat
     assert overlay.overlays() == ()
     operator.event("LEFT_ARROW")
     operator.cancel(operator.window)
+    assert overlay.overlays() == ()
+
+
+def test_faces_that_a_key_pushes_through_others_are_red(pair, operator, monkeypatch):
+    _, target = pair
+    monkeypatch.setattr(expressions, "find_stretched", lambda *_: {})
+    for point in target.data.shape_keys.key_blocks["jawOpen"].points:
+        point.co.y += 2 * np.exp(-20 * ((point.co - Vector((0.0, -0.7, 0.0))).length_squared))
+    operator.invoke(operator.window, None)
+    (shown,) = overlay.overlays()
+    red = (shown.values == stretched_colors(np.ones(1, dtype=bool))).all(axis=1)
+    assert positions(target.data)[red, 1].max() > 0.5  # at the back, which the front goes through
+    assert red.mean() < 0.5
+    operator.event("RIGHT_ARROW")
     assert overlay.overlays() == ()
 
 

@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Faces that a key pushes through others are found, unless the source or the mesh at rest has them, too."""
+
+import numpy as np
+import pytest
+
+import zoomout_core as zo
+from blender_addon.services.key_crossings import Crossings
+from zoomout_core.samples.spheres import ball
+
+RADIUS = 0.2
+UP = np.array([0.0, 0.0, 1.0])
+
+
+def plate():
+    """A square of 20 by 20 cells at height 0."""
+    across = np.linspace(-1, 1, 21)
+    x, y = (each.ravel() for each in np.meshgrid(across, across))
+    corner = (np.arange(20)[:, None] * 21 + np.arange(20)).ravel()
+    squares = np.column_stack([corner, corner + 1, corner + 22, corner + 21])
+    return zo.Surface(np.column_stack([x, y, 0 * x]), np.vstack([squares[:, [0, 1, 2]], squares[:, [0, 2, 3]]]))
+
+
+def plate_and_ball(height=-1.0, sheet=None):
+    """A plate and a ball below it, both not aligned with each other."""
+    sphere = ball(RADIUS, count=300)
+    return zo.Surface.joined([sheet or plate(), sphere.with_vertices(sphere.vertices + np.array([0.03, 0.02, height]))])
+
+
+def raised(surface, by):
+    """The offsets of a key that moves the ball up."""
+    return np.where(np.arange(len(surface.vertices))[:, None] < len(surface.vertices) - 300, 0, by * UP)
+
+
+def find(target, by, source=None, on_source=0.0):
+    source = source or target
+    images = np.repeat(np.arange(len(target.vertices))[:, None], 3, axis=1)
+    return Crossings(source, target, images).find(raised(source, on_source), raised(target, by))
+
+
+def test_a_key_that_pushes_through_at_half_strength_alone_is_found():
+    target = plate_and_ball()
+    found = find(target, 2.0)
+    places = target.vertices[found]
+    on_plate = found[:441]
+    assert on_plate.sum() > 10
+    assert (np.linalg.norm(places[: on_plate.sum()], axis=1) < RADIUS + 0.2).all()
+    assert found[441:].any()
+    assert not find(target, 0.5).any()
+
+
+def test_what_only_touches_is_not_found():
+    target = plate_and_ball()
+    assert not find(target, 0.805).any()
+    assert find(target, 0.85).any()
+
+
+def test_what_the_source_or_the_mesh_at_rest_pushes_through_is_not_found():
+    target = plate_and_ball()
+    assert not find(target, 2.0, on_source=2.0).any()
+    assert find(target, 2.0, on_source=0.5).any()
+    assert not find(plate_and_ball(0.0), 0.02).any()
+
+
+def test_faces_at_seams_do_not_count_as_crossing_at_rest():
+    whole = plate()
+    apart = zo.Surface(whole.vertices[whole.triangles.ravel()], np.arange(3 * len(whole.triangles)).reshape(-1, 3))
+    found = find(plate_and_ball(sheet=apart), 2.0)
+    assert found[: len(apart.vertices)].sum() > 10
+
+
+def test_vertices_without_a_valid_map_and_keys_that_move_nothing_are_left_out():
+    target = plate_and_ball()
+    crossings = Crossings(target, target, np.full((len(target.vertices), 3), -1))
+    assert not crossings.find(0 * target.vertices, raised(target, 2.0)).any()
+    assert not find(target, 0.0).any()
+
+
+@pytest.mark.parametrize("size", [1e-3, 1e3])
+def test_units_do_not_matter(size):
+    target = plate_and_ball()
+    scaled = target.with_vertices(size * target.vertices)
+    np.testing.assert_array_equal(find(scaled, 2.0 * size), find(target, 2.0))
+
+
+def test_few_large_and_many_small_triangles_are_compared():
+    square = np.array([[-9.0, -9, 0], [9, -9, 0], [9, 9, 0], [-9, 9, 0]])
+    target = plate_and_ball(sheet=zo.Surface(square, np.array([[0, 1, 2], [0, 2, 3]])))
+    assert find(target, 2.0)[:4].any()
