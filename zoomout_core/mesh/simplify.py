@@ -5,7 +5,8 @@ Vertices are merged into neighbours by quadric error (Garland and Heckbert 1997)
 can take (Mohr and Gleicher 2003), so that more vertices stay where it bends. Borders, seams of the data and borders
 between labels are lines: a vertex on a line moves along it, and one where lines meet stays. Each vertex of the
 result is a vertex of the mesh, with all of its data. If all lines must be ignored, a corner that moves across a seam
-keeps its own data, such as texture coordinates, so that no triangle has those of two charts. A round makes cheap
+keeps its own data, such as texture coordinates, so that no triangle has those of two charts. No collapse folds the
+surface: quadrics alone let the two sides of a thin part, such as a toe, merge into one sheet. A round makes cheap
 collapses that do not touch each other, and only costs of edges that these change are recomputed.
 """
 
@@ -29,6 +30,13 @@ SHARE = 0.3
 PASSES = 4
 # Smallest cosine between the normals of a triangle before and after a collapse.
 MIN_COSINE = 0.2
+# Smallest opening between triangles with a common edge that a collapse may make: one plus the cosine between their
+# normals, 0 where they are folded onto each other. 0.2 is an angle of 37 degrees inside a solid.
+MIN_OPENING = 0.2
+# Where the mesh is folded more sharply, the share of the smallest opening at a vertex that its collapse keeps.
+KEPT_OPENING = 0.5
+# The opening between triangles of a plane.
+FLAT_OPENING = 2.0
 # Root mean square distances from their planes, relative to the extent, up to which collapses move vertices: first, and
 # once the least important layer is ignored. Farther ones would destroy parts.
 DISTANCES = (0.01, 0.02)
@@ -112,6 +120,7 @@ class _State:
         alive: (m',) the number that each triangle had at first.
         corners: (m', 3) the corner at whose first vertex each corner is.
         content: (m', 3) the corner whose data each corner has.
+        normals: (m', 3) the unit normals of the triangles at rest.
         layer: (3 m,) numbers of the most important data of the corners.
         wedge: (3 m,) numbers of the data whose seams are lines, of the corners.
         content_wedge: (3 m,) those of the data that stays within its seams: as `wedge`, but `layer` without lines.
@@ -292,6 +301,7 @@ class _State:
         around = _Lists(corner // 3, start)
         self._update_costs(edges)
         directions = self._free_directions(edges)
+        self.normals = self._normals(self.triangles, slice(0, 1))[0][:, 0]
         while True:
             candidates = self._candidates(edges, directions)
             if not len(candidates.tail):
@@ -425,12 +435,40 @@ class _State:
         bad = turned.any(axis=1) | (now[:, 0] <= 0)
         own = (self.corners[triangle] * at_tail).sum(axis=1)
         bad |= self._partners(tail, head, around, self.corners, self.wedge).find(which, self.wedge[own]) < 0
+        bad |= self._folds(tail, head, which, triangle, after[:, 0], edges)
         if self.chart is not None:
             content = self.content[triangle]
             moved = self._move_content(tail, head, around, which, content, at_tail)
             bad |= _signed_areas(self.chart[content]) * _signed_areas(self.chart[moved]) < 0
         fits[which[bad]] = False
         return fits
+
+    def _folds(
+        self, tail: Integers, head: Integers, which: Integers, triangle: Integers, normals: Floats, edges: _Edges
+    ) -> Booleans:
+        """(q,) whether collapses fold triangles onto a neighbour, clearly more than any at the same tail before.
+
+        Args:
+            tail: (k,) the vertices that are merged.
+            head: (k,) the vertices that they are merged into.
+            which: (q,) the collapse of each triangle.
+            triangle: (q,) the triangles at the tails that stay, each at one tail only.
+            normals: (q, 3) their normals after the collapse, at rest.
+            edges: the edges of the triangles.
+        """
+        beyond = edges.across[triangle]
+        rows = self.triangles[beyond]
+        at_tail = rows == tail[which, None, None]
+        removed = at_tail.any(axis=2) & (rows == head[which, None, None]).any(axis=2) & (beyond >= 0)
+        # The neighbour beyond a removed triangle is that across its side opposite the tail.
+        beyond = np.where(removed, edges.across[beyond, (at_tail.argmax(axis=2) + 1) % 3], beyond)
+        made = self.normals.copy()
+        made[triangle] = normals
+        opening = _openings(made, triangle, beyond)
+        folds = opening < MIN_OPENING
+        before = np.full(len(tail), FLAT_OPENING)
+        np.minimum.at(before, which, _openings(self.normals, triangle, edges.across[triangle]))
+        return folds & (opening < KEPT_OPENING * before[which])
 
     def _move_content(
         self, tail: Integers, head: Integers, around: _Lists, which: Integers, content: Integers, at_tail: Booleans
@@ -568,6 +606,7 @@ class _Edges:
         ends: (e, 2) vertex numbers, the smaller first, in ascending order.
         key: (e,) a number for both.
         of_half: (3 m,) the edge of each side of the triangles: all first sides, then all second and third ones.
+        sides: (e, 2) the sides of triangles that each edge is, -1 where there are not two.
         is_line: (e,) whether it is a border or a seam.
         is_odd: (e,) whether it has more than two triangles.
     """
@@ -588,6 +627,9 @@ class _Edges:
         self.ends = np.column_stack(np.divmod(self.key, n))
         self.of_half = np.empty(len(key), dtype=np.int64)
         self.of_half[order] = edge
+        two = np.flatnonzero(count == 2)
+        self.sides = np.full((len(first), 2), -1)
+        self.sides[two] = order[first[two][:, None] + [0, 1]]
         low, high = low[order], high[order]
         differs = (low != low[first][edge]) | (high != high[first][edge])
         self.is_line = count == 1
@@ -609,6 +651,14 @@ class _Edges:
         return np.bincount(which[self.find(neighbour, goal) >= 0], minlength=len(one))
 
     @cached_property
+    def across(self) -> Integers:
+        """(m, 3) the triangle beyond each side of the triangles, -1 for none or several."""
+        pairs = self.sides[self.sides[:, 0] >= 0]
+        across = np.full(len(self.of_half), -1)
+        across[pairs] = pairs[:, ::-1] % (len(across) // 3)
+        return across.reshape(3, -1).T
+
+    @cached_property
     def neighbours(self) -> _Lists:
         """The neighbours of each vertex."""
         order, start = _group(self.ends.T.ravel(), self.n)
@@ -626,10 +676,8 @@ class _Quads:
 
     def __init__(self, triangles: Integers, edges: _Edges) -> None:
         count = len(triangles)
-        half, start = _group(edges.of_half, len(edges.ends))
-        edge = np.flatnonzero((np.diff(start) == 2) & ~edges.is_line)
-        pair = half[start[edge][:, None] + [0, 1]]
-        side, self.triangles = np.divmod(pair, count)
+        edge = np.flatnonzero((edges.sides[:, 0] >= 0) & ~edges.is_line)
+        side, self.triangles = np.divmod(edges.sides[edge], count)
         # The places, in each triangle, of the tail and the head of its side, and of the vertex beyond.
         (tail, back), (head, _), (beyond, before) = ((side + step).T % 3 for step in range(3))
         first, second = self.triangles.T
@@ -664,6 +712,12 @@ def _group(keys: Integers, count: int) -> tuple[Integers, Integers]:
     entries = np.arange(len(keys)), keys, np.arange(len(keys) + 1)
     table = csr_array(entries, shape=(len(keys), count)).tocsc()
     return table.data, table.indptr.astype(np.int64)
+
+
+def _openings(normals: Floats, triangle: Integers, beyond: Integers) -> Floats:
+    """(q,) the smallest opening between triangles (q,) and their neighbours (q, 3), -1 for none, see `MIN_OPENING`."""
+    opening = 1 + np.einsum("qx,qsx->qs", normals[triangle], normals[beyond])
+    return np.asarray(np.where(beyond < 0, FLAT_OPENING, opening).min(axis=1))
 
 
 def _signed_areas(triangles: Floats) -> Floats:

@@ -11,6 +11,7 @@ from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.mesh.mirror_pairs import mirror_moves, mirror_pairs
 from zoomout_core.mesh.simplify import SIMPLIFICATION, simplify
 from zoomout_core.samples.grids import grid_faces, triangles_of
+from zoomout_core.samples.spheres import ball, outward_hull
 from zoomout_core.tuning import retune
 
 SIDE = 20
@@ -162,3 +163,38 @@ def test_parts_are_not_destroyed_to_reach_the_number(monkeypatch: pytest.MonkeyP
     assert height_of_level() > 0.8 * whole
     monkeypatch.setattr(simplification, "DISTANCES", (9.0, 9.0))
     assert height_of_level() < 0.8 * whole
+
+
+def test_the_two_sides_of_a_thin_part_do_not_merge(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A slab beside a larger ball, whose form counts for more."""
+    lattice = np.stack(np.meshgrid(*[np.linspace(-1, 1, 4)] * 3), axis=-1).reshape(-1, 3)
+    cube = lattice[np.abs(lattice).max(axis=1) > 0.99]
+    larger = ball(1.0, count=150)
+    points = np.concatenate([cube * [0.1, 0.02, 0.08] - [0, 1.1, 0], larger.vertices])
+    slab = outward_hull(cube / np.linalg.norm(cube, axis=1)[:, None])
+    triangles = np.concatenate([slab, larger.triangles + len(cube)])
+
+    def volume_of_slab() -> float:
+        _, corners, _ = simplify(points[None], triangles, [], [30])[0]
+        made = triangles.ravel()[corners]
+        return float(np.linalg.det(points[made[made[:, 0] < len(cube)]]).sum() / np.linalg.det(points[slab]).sum())
+
+    assert volume_of_slab() > 0.3
+    monkeypatch.setattr(simplification, "MIN_OPENING", 0.0)
+    assert volume_of_slab() < 0.05
+
+
+def test_sheets_with_two_sides_are_simplified(monkeypatch: pytest.MonkeyPatch) -> None:
+    upper = np.stack(np.meshgrid(*[np.linspace(0, 1, 6)] * 2, [0.0], indexing="ij"), axis=-1).reshape(-1, 3)
+    count, sheet = len(upper), triangles_of(grid_faces(5, 5))
+    points = np.concatenate([upper, upper - [0, 0, 1e-3]])
+    below = np.where(on_border(upper), 0, count) + np.arange(count)
+    triangles = np.concatenate([sheet, below[sheet][:, ::-1]])
+
+    def vertices_left() -> int:
+        _, corners, _ = simplify(points[None], triangles, [], [12])[0]
+        return len(np.unique(triangles.ravel()[corners]))
+
+    assert vertices_left() <= 12
+    monkeypatch.setattr(simplification, "KEPT_OPENING", 9.0)
+    assert vertices_left() > 18
