@@ -141,9 +141,15 @@ def test_faces_at_a_seam_follow_their_own_island(source, target):
 def test_doubtful_vertices_keep_what_was_filled_in(source, target):
     keep_true_match(target, doubtful=50)
     add_attribute(source.data, "heat", "FLOAT", "POINT", positions(source.data)[:, 0])
-    shares = keep_linked(bpy.context, target, ["attributes"], Settings(fill_below=0.5))
+    dark = np.abs(positions(source.data)[:, [0, 1, 2, 2]]) * 0.01  # where colours of eight bits are dense
+    add_attribute(source.data, "tint", "BYTE_COLOR", "POINT", dark)
+    shares = keep_linked(bpy.context, target, ["attributes", "color_attributes"], Settings(fill_below=0.5))
     assert abs(shares["heat"] - (1 - 50 / len(target.data.vertices))) < 0.01
-    before = visible(target)["heat"]
+    linked, modifier = visible(target), link_modifier(target)
+    modifier.show_viewport = False
+    assert max(differences(linked, visible(target)).values()) < 1e-5
+    modifier.show_viewport = True
+    before = linked["heat"]
     source.data.attributes["heat"].data.foreach_set("value", np.full(len(source.data.vertices), 9, np.float32))
     source.data.update()
     after = visible(target)["heat"]
