@@ -38,8 +38,8 @@ from .transfer import prepare_transfer
 
 # Fraction of the progress for the transfer.
 TRANSFERRING = 0.7
-# Colours of eight bits are rounded by up to half a step, in sRGB, and by single precision.
-HALF_BYTE_STEP = 0.505 / 255
+# Colours of eight bits are rounded by up to half a step, in sRGB, and by Blender's own conversion.
+HALF_BYTE_STEP = 0.55 / 255
 # Smaller weights than this are dropped by a transfer; differences below do not move a vertex visibly.
 SAME_WEIGHT = 1e-5
 
