@@ -171,6 +171,6 @@ def _row(records: list[dict[str, Any]], folder: str, direction: str) -> dict[str
         "pairs": len(chosen),
         "right": int((errors < ISOMETRIC_LIMIT).sum()),
         "median error": float(np.median(errors)),
-        "sure": int(sure.sum()),
-        "sure and wrong": int((sure & (errors >= ISOMETRIC_LIMIT)).sum()),
+        "certain": int(sure.sum()),
+        "certain and wrong": int((sure & (errors >= ISOMETRIC_LIMIT)).sum()),
     }

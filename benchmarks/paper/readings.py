@@ -139,7 +139,7 @@ def point_clouds(tables: Tables) -> list[str]:
         )
     for rows in _by("set", tables.get("match", [])):
         pairs, right, sure, wrong = (
-            sum(row[column] for row in rows) for column in ("pairs", "right", "sure", "sure and wrong")
+            sum(row[column] for row in rows) for column in ("pairs", "right", "certain", "certain and wrong")
         )
         said.append(
             f"On {rows[0]['set']}, `{OURS}` is right on {right} of {pairs} pairs. It is certain of {sure} maps; wrong "

@@ -32,7 +32,7 @@ def _ours(target: str, source: str | None) -> Answer:
     except (zo.MeshError, ImportError) as error:
         return {"said": str(error)}
     carried = result.surface_map.interpolate(ours.vertices)
-    return {"carried": carried.tolist(), "doubts": [*result.notes, *(["unsure"] if result.certainty < 0.9 else [])]}
+    return {"carried": carried.tolist(), "doubts": [*result.notes, *(["uncertain"] if result.certainty < 0.9 else [])]}
 
 
 def _pyfm(target: str, source: str | None) -> Answer:

@@ -163,11 +163,11 @@ def _rows(records: list[Record]) -> list[Record]:
         for method in (MAP, TRANSFER):
             chosen = [record for record in records if (record["kind"], record["method"]) == (kind, method)]
             errors, confidence = _join(chosen, "errors"), _join(chosen, "confidence")
-            unsure = confidence < LOW_CONFIDENCE
+            doubtful = confidence < LOW_CONFIDENCE
             row: Record = {"kind": kind, "method": method, "pairs": len(chosen), "mean": float(errors.mean())}
             row |= {"median": float(np.median(errors)), "worst": float(errors.max())}
-            row |= {"worst unflagged": float(errors[~unsure].max(initial=0))}
-            row |= {"rigid": float(np.mean([each["rigid"] for each in chosen])), "flagged": float(unsure.mean())}
+            row |= {"worst unflagged": float(errors[~doubtful].max(initial=0))}
+            row |= {"rigid": float(np.mean([each["rigid"] for each in chosen])), "flagged": float(doubtful.mean())}
             row |= {"AUC": area_under_curve(-confidence, errors > LARGE * np.median(errors))}
             row |= {"swaps": sum(each["swaps"] for each in chosen)}
             rows.append(row | {"seconds": float(np.mean([each["seconds"] for each in chosen]))})
@@ -183,12 +183,12 @@ def _confidence_rows(records: list[Record]) -> list[Record]:
                 chosen = [record for record in used if (record[group], record["method"]) == (name, method)]
                 limits = [np.full(len(each["errors"]), WRONG * each["rigid"]) for each in chosen]
                 errors, confidence = _join(chosen, "errors"), _join(chosen, "confidence")
-                wrong, unsure = errors > np.concatenate(limits), confidence < LOW_CONFIDENCE
+                wrong, doubtful = errors > np.concatenate(limits), confidence < LOW_CONFIDENCE
                 present = _join(chosen, "present")
                 row: Record = {"specimens": name, "method": method, "landmarks": len(errors)}
                 row |= {"missing": int((~present).sum()), "mean of present": float(errors[present].mean())}
-                row |= {"wrong": int(wrong.sum()), "wrong flagged": _share(unsure[wrong])}
-                row |= {"right flagged": _share(unsure[~wrong]), "AUC": area_under_curve(-confidence, wrong)}
+                row |= {"wrong": int(wrong.sum()), "wrong flagged": _share(doubtful[wrong])}
+                row |= {"right flagged": _share(doubtful[~wrong]), "AUC": area_under_curve(-confidence, wrong)}
                 rows.append(row)
     return rows
 

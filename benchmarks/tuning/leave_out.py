@@ -129,7 +129,7 @@ def _rows(records: list[Record]) -> list[Record]:
                 "mean error": float(np.nanmean(error)),
                 "worst error": float(np.nanmax(error)),
                 "certainty %": 100 * float(certainty.mean()),
-                "sure and wrong %": 100 * float(np.mean(is_wrong & (certainty >= VERDICT.certain))),
+                "certain and wrong %": 100 * float(np.mean(is_wrong & (certainty >= VERDICT.certain))),
                 "seconds": float(np.mean([record["seconds"] for record in group])),
             }
         )

@@ -4,7 +4,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 import bpy
 import numpy as np
@@ -26,21 +27,35 @@ from .adapter import Remarks, TransferRequest
 TURNED = 20.0
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class _Rigs:
     """The armatures of a source and of a target that has its own.
 
     Attributes:
-        target: name of the target's.
         bones: the bones of the source's, in world space.
         others: those of the target's.
         read: names of the bones that drivers read.
+        pairs: names of the target's bones by those of the source's.
+        turned: names of bones that drivers read, and whose partners have other axes at rest.
     """
 
-    target: str
     bones: RigBones
     others: RigBones
-    read: frozenset[str]
+    read: set[str]
+    pairs: dict[str, str] = field(default_factory=dict)
+    turned: Sequence[str] = ()
+
+    def pair_bones(self, match: Match, source: Surface, target: Surface) -> None:
+        """Find the partners of bones along a match of two surfaces at rest, unless all have the same names."""
+        bones, others = self.bones, self.others
+        self.pairs = {name: name for name in bones.names if name in others.names}
+        if not self.read <= self.pairs.keys():
+            heads = zo.move_joints(source, shape_of_source(match, source, target), bones.heads).positions
+            size = float(np.ptp(target.vertices, axis=0).max())
+            of_target = Skeleton(others.names, others.parents, others.heads)
+            self.pairs = pair_bones(Skeleton(bones.names, bones.parents, heads), of_target, size)
+        whole = procrustes(match.surface_map.interpolate(source.vertices), target.vertices)
+        self.turned = _turned_bones(bones, others, self.pairs, sorted(self.read), whole.rotation)
 
 
 @dataclass
@@ -49,31 +64,19 @@ class KeyDrivers:
 
     Attributes:
         owners: the sources with shape keys, each with the names of the keys whose drivers it provides.
-        rigs: the armatures, if drivers read bones that have partners in another one.
+        rigs: the armatures of which drivers read bones, by their names, for sources whose armature is another one than
+            the target's.
         remarks: collects remarks for the user.
-        bones: names of the target's bones by those of the source's, once they are paired.
-        turned: names of bones that drivers read, and whose partners have other axes at rest.
     """
 
     owners: Sequence[tuple[str, Sequence[str]]]
-    rigs: _Rigs | None
+    rigs: Mapping[tuple[str, str], _Rigs]
     remarks: Remarks
-    bones: dict[str, str] | None = None
-    turned: Sequence[str] = ()
 
     def pair_bones(self, match: Match, source: Surface, target: Surface) -> None:
-        """Find the partners of bones along a match of two surfaces at rest, unless all have the same names."""
-        if self.rigs is None:
-            return
-        bones, others = self.rigs.bones, self.rigs.others
-        self.bones = {name: name for name in bones.names if name in others.names}
-        if not self.rigs.read <= self.bones.keys():
-            heads = zo.move_joints(source, shape_of_source(match, source, target), bones.heads).positions
-            size = float(np.ptp(target.vertices, axis=0).max())
-            of_target = Skeleton(others.names, others.parents, others.heads)
-            self.bones = pair_bones(Skeleton(bones.names, bones.parents, heads), of_target, size)
-        whole = procrustes(match.surface_map.interpolate(source.vertices), target.vertices)
-        self.turned = _turned_bones(bones, others, self.bones, sorted(self.rigs.read), whole.rotation)
+        """Find the partners of bones along a match of two surfaces at rest."""
+        for rigs in self.rigs.values():
+            rigs.pair_bones(match, source, target)
 
     def write(self, target: Object) -> None:
         """Copy the drivers to a target that has its armature, and let them read that one."""
@@ -82,33 +85,37 @@ class KeyDrivers:
         for source, names in sources:
             mesh_data.write_animation(source.data.shape_keys, keys, names)
         for source, names in sources:
-            blocks = {each.data.shape_keys: keys for each, _ in sources}
-            armature, armatures = self._armatures(source, target)
-            paired = self.rigs is not None and armature == self.rigs.target
-            partners = Partners(
-                blocks | armatures, self.bones if paired else None, {each: target for each, _ in sources}
-            )
+            blocks: dict[Any, Any] = {each.data.shape_keys: keys for each, _ in sources}
+            armatures, rigs = _own_armatures(source, target), None
+            if armatures is None:
+                blocks |= {block: block for each in mesh_data.armatures_of(source) for block in (each, each.data)}
+            else:
+                here, there = armatures
+                blocks |= mesh_data.partner_armatures(here, there)
+                rigs = self.rigs.get((here.name, there.name))  # not for a copy of the source's, bound to by now
+            pairs = None if rigs is None else rigs.pairs
+            partners = Partners(blocks, pairs, {each: target for each, _ in sources})
             result = mesh_data.redirect_drivers(keys, partners, names)
             self.remarks.add(notes_on_drivers(result, target))
-            if paired and self.turned:
+            if rigs is not None and rigs.turned:
                 self.remarks.add(
                     [
                         warning(
                             "At rest, bones of '{armature}' that drive shape keys point or roll otherwise than those "
                             "of the source ({bones}): check at which angles these keys act.",
-                            armature=armature,
-                            bones=", ".join(self.turned),
+                            armature=there.name,
+                            bones=", ".join(rigs.turned),
                         )
                     ]
                 )
 
-    def _armatures(self, source: Object, target: Object) -> tuple[str, dict[object, object]]:
-        """The name of the armature that drivers read now, and the armatures by those that they read before."""
-        of_source, of_target = mesh_data.armatures_of(source), mesh_data.armatures_of(target)
-        found = {block: block for each in of_source for block in (each, each.data)}
-        if not of_source or not of_target or set(of_source) & set(of_target):
-            return "", found
-        return of_target[0].name, found | mesh_data.partner_armatures(of_source[0], of_target[0])
+
+def _own_armatures(source: Object, target: Object) -> tuple[Object, Object] | None:
+    """The first armatures of a source and of a target, if none deforms both."""
+    of_source, of_target = mesh_data.armatures_of(source), mesh_data.armatures_of(target)
+    if not of_source or not of_target or set(of_source) & set(of_target):
+        return None
+    return of_source[0], of_target[0]
 
 
 def notes_on_drivers(result: Redirected, obj: Object) -> Iterator[Message]:
@@ -131,17 +138,18 @@ def read_key_drivers(
     request: TransferRequest, owners: Sequence[tuple[str, Sequence[str]]], remarks: Remarks
 ) -> KeyDrivers:
     """The drivers of transferred keys, and the bones that they may read instead."""
-    of_target = mesh_data.armatures_of(request.target)
+    found = dict[tuple[str, str], _Rigs]()
     for source in (each.original for each in request.sources):
-        of_source = mesh_data.armatures_of(source)
-        names = dict(owners).get(source.name)
-        if not of_target or not of_source or not names or set(of_target) & set(of_source):
+        names, armatures = dict(owners).get(source.name), _own_armatures(source, request.target)
+        if not names or armatures is None:
             continue
-        read = mesh_data.bones_of_drivers(source.data.shape_keys, names, of_source[0])
+        here, there = armatures
+        read, key = mesh_data.bones_of_drivers(source.data.shape_keys, names, here), (here.name, there.name)
+        if read and key not in found:
+            found[key] = _Rigs(mesh_data.read_rig_bones(here), mesh_data.read_rig_bones(there), set())
         if read:
-            bones, others = mesh_data.read_rig_bones(of_source[0]), mesh_data.read_rig_bones(of_target[0])
-            return KeyDrivers(owners, _Rigs(of_target[0].name, bones, others, frozenset(read)), remarks)
-    return KeyDrivers(owners, None, remarks)
+            found[key].read |= read
+    return KeyDrivers(owners, found, remarks)
 
 
 def _turned_bones(

@@ -17,10 +17,12 @@ import numpy as np
 from bpy.types import Context, Object
 
 import zoomout_core as zo
+from zoomout_core.arrays import Floats
+from zoomout_core.assets.asset import to_srgb
 from zoomout_core.messages import message, plural
 from zoomout_core.runtime.progress import portion, stage
 from zoomout_core.transfer import Attribute, Domain, Kind, map_target
-from zoomout_core.transfer.live_link import SAME_VALUE, are_mixed, pick, pick_points
+from zoomout_core.transfer.live_link import are_mixed, pick, pick_points
 from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.picks import Picks
 
@@ -36,8 +38,8 @@ from .transfer import prepare_transfer
 
 # Fraction of the progress for the transfer.
 TRANSFERRING = 0.7
-# Colours of eight bits are rounded: by up to half of the largest step between two of them, scene-linear.
-HALF_BYTE_STEP = 0.0045
+# Colours of eight bits are rounded by up to half a step, in sRGB, and by Blender's own conversion.
+HALF_BYTE_STEP = 0.55 / 255
 # Smaller weights than this are dropped by a transfer; differences below do not move a vertex visibly.
 SAME_WEIGHT = 1e-5
 
@@ -193,11 +195,18 @@ def _link_layer(target: Object, layer: Layer, picks: Picks, mapped: MappedTarget
     """A layer of the target, which follows where the written values are mixtures of the source's."""
     name, domain = layer.attribute.name, layer.attribute.domain
     written = mesh_data.read_layer(target.data, name, layer.role).attribute
-    tolerance = HALF_BYTE_STEP if layer.data_type == "BYTE_COLOR" else SAME_VALUE
-    linked = are_mixed(picks, layer.attribute, written, tolerance)
+    if layer.data_type == "BYTE_COLOR":
+        linked = are_mixed(picks, layer.attribute, written, HALF_BYTE_STEP, _as_srgb)
+    else:
+        linked = are_mixed(picks, layer.attribute, written)
     if mapped.has_partner is not None and settings.without_partner == "keep":
         linked &= _elements_of_vertices(mapped, domain)
     return LinkedLayer(name, name, domain, layer.data_type, picks, linked)
+
+
+def _as_srgb(colors: Floats) -> Floats:
+    """Scene-linear colours (n, 4) in sRGB; alpha stays."""
+    return np.column_stack([to_srgb(colors[:, :3]), colors[:, 3:]])
 
 
 def _elements_of_vertices(mapped: MappedTarget, domain: Domain) -> np.ndarray:

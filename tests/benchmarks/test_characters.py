@@ -146,7 +146,7 @@ def test_a_case_becomes_a_row_and_rows_a_summary(tmp_path: Path) -> None:
     of_pose, of_other, of_all = table.summary([row, failed])
     assert (of_pose["cases"], of_other["cases"], of_all["cases"]) == (1, 1, 2)
     assert (of_all["right"], of_all["behind DT"]) == (1, 1)
-    assert of_other["sure and wrong"] == 1
+    assert of_other["certain and wrong"] == 1
     assert of_all["worst limb"] == 0.4
     pictures.draw(tmp_path / "worst.png", [pictures.Picture(row, case, result)])
     assert (tmp_path / "worst.png").stat().st_size > 10_000

@@ -54,7 +54,7 @@ def test_clouds_of_a_set_are_matched_with_its_meshes_and_with_each_other(
 ) -> None:
     monkeypatch.setattr(point_clouds, "_methods", lambda pair, _: {"initial": np.zeros(len(pair.target.vertices), int)})
     tables = point_clouds.run(people, None)
-    found = {row["direction"]: (row["pairs"], row["right"], row["sure and wrong"]) for row in tables["match"]}
+    found = {row["direction"]: (row["pairs"], row["right"], row["certain and wrong"]) for row in tables["match"]}
     assert found == dict.fromkeys(("cloud to cloud", "cloud to mesh", "mesh to cloud"), (2, 1, 1))
     rows = {row["method"]: row for row in tables["rows"]}
     assert rows["initial"]["published mean"] == point_clouds.PUBLISHED["initial"][0]

@@ -54,7 +54,7 @@ def test_the_size_from_which_on_pairs_end_right_is_found(right: list[int], said:
 
 def test_certain_and_wrong_maps_are_counted() -> None:
     match = [
-        {"set": "clouds", "pairs": 5, "right": right, "sure": 4, "sure and wrong": wrong}
+        {"set": "clouds", "pairs": 5, "right": right, "certain": 4, "certain and wrong": wrong}
         for right, wrong in ((5, 0), (2, 1), (3, 1))
     ]
     (said,) = readings.point_clouds({"rows": [], "match": match})

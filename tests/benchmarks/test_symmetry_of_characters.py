@@ -50,7 +50,7 @@ def test_a_symmetry_becomes_a_record_and_records_a_row(character: Character) -> 
     assert record["sides"] > 0.95
     wrong = record | {"certainty": 0.95, "right": False, "limb": 0.4}
     (row,) = symmetry_rows([record, wrong])
-    assert (row["cases"], row["right"], row["sure and wrong"], row["worst limb"]) == (2, 1, 1, 0.4)
+    assert (row["cases"], row["right"], row["certain and wrong"], row["worst limb"]) == (2, 1, 1, 0.4)
 
 
 def test_what_is_worn_is_measured_by_its_places_at_rest(character: Character) -> None:

@@ -36,7 +36,7 @@ def layer(path: Path) -> str:
     return path.relative_to(ADDON).with_suffix("").parts[0]
 
 
-def imported_rooms(path: Path) -> Iterator[str]:
+def imported_layers(path: Path) -> Iterator[str]:
     """The packages that a module imports from, "" for the add-on itself."""
     package = path.relative_to(ADDON).parent.parts
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
@@ -50,16 +50,16 @@ def imported_rooms(path: Path) -> Iterator[str]:
             yield from ("" for name in node.names if name.name.split(".")[0] == "blender_addon")
 
 
-def test_each_module_stands_in_a_room() -> None:
+def test_each_module_belongs_to_a_layer() -> None:
     assert {layer(path) for path in ADDON.rglob("*.py")} == {*LAYERS, *OUTSIDE}
 
 
-def test_rooms_import_those_before_them_only() -> None:
+def test_layers_import_those_before_them_only() -> None:
     wrong = [
         f"{path.relative_to(ADDON)} imports {other or 'blender_addon by its absolute name'}"
         for path in ADDON.rglob("*.py")
         if layer(path) in LAYERS
-        for other in imported_rooms(path)
+        for other in imported_layers(path)
         if other not in LAYERS[: LAYERS.index(layer(path)) + 1]
     ]
     assert not wrong

@@ -2,6 +2,7 @@
 """Shape keys that bones drive act on another body by its own armature, and move its clothes."""
 
 from functools import partial
+from types import SimpleNamespace
 
 import bpy
 import numpy as np
@@ -15,6 +16,8 @@ from test_dress_objects import sleeve
 from true_match import keep_true_match
 
 from blender_addon import api
+from blender_addon.adapters import Remarks
+from blender_addon.adapters.key_drivers import read_key_drivers
 
 source_and_rig = partial(fine_source_and_rig, around=10, along=31)
 pose_target = partial(fine_pose_target, around=9, along=27)
@@ -129,6 +132,9 @@ def test_keys_whose_bones_are_missing_are_named_and_off():
     drive_by_turning(source, armature)
     drive(source, "Slid", "SINGLE_PROP", armature, data_path='["slider"]')
     drive(source, "Empty", "TRANSFORMS", bpy.data.objects.new("Control", None), transform_type="LOC_X")
+    second = make_rig("Second", BONES)
+    source.modifiers.new("Second", "ARMATURE").object = second
+    drive(source, "Other", "TRANSFORMS", second, bone_target="Lower", transform_type="LOC_X")
     add_slider(armature, 0.7)
     target, _ = pose_target(source, armature, {})
     own_rig(target, {"Lower": "Lower", "Middle": "Gone", "Upper": "Upper"}).data.bones["Gone"].name = "Elsewhere"
@@ -140,13 +146,27 @@ def test_keys_whose_bones_are_missing_are_named_and_off():
     bpy.ops.object.mode_set(mode="OBJECT")
     keep_true_match(target)
     notes = transfer(source, target)["notes"]
-    assert list(drivers_of(target)) == ["Empty"]
+    assert list(drivers_of(target)) == ["Empty", "Other"]
     assert value_of(target, "Slid") == 0
     assert notes == [
         "Shape keys without their drivers (Turned, Slid): 'Target' and its armature lack what these read "
         '(Middle, ["slider"]).',
-        "Drivers of shape keys still read other objects: 'Control'.",
+        "Drivers of shape keys still read other objects: 'Control', 'Second'.",
     ]
+
+
+def test_bones_are_paired_that_drivers_of_any_source_read():
+    source, armature = source_and_rig()
+    second = source.copy()
+    second.data = source.data.copy()
+    second.name = "Second"
+    drive_by_turning(source, armature)
+    drive(second, "Bent", "TRANSFORMS", armature, bone_target="Upper", transform_type="ROT_X")
+    target, _ = pose_target(source, armature, {})
+    own = own_rig(target, OTHERS | {"Middle": "Middle"})
+    request = SimpleNamespace(target=target, sources=[SimpleNamespace(original=each) for each in (source, second)])
+    found = read_key_drivers(request, [("Source", ["Turned"]), ("Second", ["Bent"])], Remarks())
+    assert {names: rigs.read for names, rigs in found.rigs.items()} == {(armature.name, own.name): {"Middle", "Upper"}}
 
 
 def test_bones_with_other_axes_are_noted():
@@ -199,6 +219,8 @@ def test_correctives_of_the_body_and_of_clothes_move_the_clothes():
     )
     target, _ = pose_target(source, armature, {})
     own = own_rig(target, {bone: bone for bone in BONES})
+    for each in (armature, own):
+        each.data.bones["Upper"].use_deform = False
     transfer(source, target)
     report = api.dress(bpy.context, source, target, [cloth])
     copy = bpy.data.objects[report["objects"]["Sleeve"]]

@@ -97,8 +97,8 @@ def registered():
 
 def drawn():
     """Literal texts drawn by panels and menus."""
-    rooms = panels, operators
-    paths = [path for room in rooms for path in Path(room.__file__).parent.rglob("*.py")]
+    packages = panels, operators
+    paths = [path for package in packages for path in Path(package.__file__).parent.rglob("*.py")]
     paths += [Path(module.__file__) for module in (menus, preferences, preview)]
     nodes = [node for path in paths for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))]
     given = [node.value for node in nodes if isinstance(node, ast.keyword) and node.arg in ("text", "heading")]

@@ -46,7 +46,7 @@ def imports(path: Path) -> Iterator[str]:
             yield from (name.name for name in node.names if name.name.startswith("zoomout_core."))
 
 
-def test_rooms_import_those_before_them_only() -> None:
+def test_layers_import_those_before_them_only() -> None:
     modules = {path: path.relative_to(CORE).with_suffix("").parts[0] for path in CORE.rglob("*.py")}
     assert set(LAYERS) <= set(modules.values())
     wrong = [

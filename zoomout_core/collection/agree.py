@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from zoomout_core.collection.cycles import Agreement, choose_agreeing
 from zoomout_core.collection.pair_map import PairName, candidate_maps_of
-from zoomout_core.collection.pairs import pairs_of_unsure
+from zoomout_core.collection.pairs import pairs_of_uncertain
 from zoomout_core.collection.shapes import ShapeSummary, spread_from_samples, summary_of
 from zoomout_core.matching.options import MatchOptions
 from zoomout_core.matching.pipeline import match
@@ -35,7 +35,7 @@ def agree(results: Mapping[str, MatchResult], options: MatchOptions) -> dict[str
     one. Returns at once if either kind is missing.
     """
     certainty = {name: result.certainty for name, result in results.items()}
-    between = pairs_of_unsure(certainty, lambda name: results[name].pair.target_shape.basis.eigenvalues)
+    between = pairs_of_uncertain(certainty, lambda name: results[name].pair.target_shape.basis.eigenvalues)
     if not between:
         return dict(results)
     first = next(iter(results.values())).pair

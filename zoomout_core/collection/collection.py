@@ -16,7 +16,7 @@ from uuid import uuid4
 from zoomout_core.collection.cycles import CYCLES, Agreement, choose_agreeing, pairs_in_cycles
 from zoomout_core.collection.engine import Engine, Failure, InThisProcess, Task, run_tasks
 from zoomout_core.collection.pair_map import CandidateMaps, PairName, PairRecord, load_candidate_maps
-from zoomout_core.collection.pairs import all_pairs, pairs_of_neighbours, pairs_of_unsure, pairs_with_template
+from zoomout_core.collection.pairs import all_pairs, pairs_of_neighbours, pairs_of_uncertain, pairs_with_template
 from zoomout_core.collection.shapes import Item, ShapeSummary, items_of
 from zoomout_core.collection.tasks import (
     MAPS,
@@ -186,7 +186,7 @@ def match_collection(
                 spectra = {name: run.prepared[name].eigenvalues for name in items if name in run.prepared}
                 run.match(dict.fromkeys(pairs_of_neighbours(spectra, neighbours)))
             elif template is not None and agree:
-                run.match(dict.fromkeys(run.unsure_pairs()))
+                run.match(dict.fromkeys(run.uncertain_pairs()))
         agreement = run.agreement() if agree else None
         if agreement is not None:
             with portion(COMPARED, 1.0):
@@ -333,11 +333,11 @@ class _Run:
             self.records[result.pair] = result.record
             self.matched += result.new
 
-    def unsure_pairs(self) -> list[PairName]:
+    def uncertain_pairs(self) -> list[PairName]:
         """Pairs of shapes whose map from the template is uncertain with similar shapes whose map is certain."""
         certainty = {pair.target: record.certainty for pair, record in self.records.items()}
         in_order = {name: certainty[name] for name in self.items if name in certainty}
-        return pairs_of_unsure(in_order, lambda name: self.prepared[name].eigenvalues)
+        return pairs_of_uncertain(in_order, lambda name: self.prepared[name].eigenvalues)
 
     def agreement(self) -> Agreement | None:
         """The candidates that agree best; None where no three shapes are matched with each other."""

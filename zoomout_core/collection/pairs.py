@@ -56,7 +56,7 @@ def pairs_of_neighbours(eigenvalues: Mapping[str, Floats], neighbours: int) -> l
     return [PairName(names[i], names[j]) for i, j in sorted(chosen)]
 
 
-def pairs_of_unsure(certainty: Mapping[str, float], eigenvalues: Callable[[str], Floats]) -> list[PairName]:
+def pairs_of_uncertain(certainty: Mapping[str, float], eigenvalues: Callable[[str], Floats]) -> list[PairName]:
     """Pairs of each shape whose map from a template is uncertain, as the target, with the most similar certain ones.
 
     Args:

@@ -81,7 +81,13 @@ def pick(attribute: Attribute, mapped: MappedTarget) -> Picks | None:
     return None if function is None else function(attribute, mapped)
 
 
-def are_mixed(picks: Picks, attribute: Attribute, transferred: Attribute, tolerance: float = SAME_VALUE) -> Booleans:
+def are_mixed(
+    picks: Picks,
+    attribute: Attribute,
+    transferred: Attribute,
+    tolerance: float = SAME_VALUE,
+    encode: Callable[[Floats], Floats] = np.asarray,
+) -> Booleans:
     """(q,) the elements of the target whose transferred values are those that `picks` reads from the source.
 
     Args:
@@ -89,11 +95,12 @@ def are_mixed(picks: Picks, attribute: Attribute, transferred: Attribute, tolera
         attribute: the source's values, dense.
         transferred: the target's.
         tolerance: largest difference of numbers that are the same, relative to the largest number above one.
+        encode: how numbers are stored before they are rounded; as they are, when not given.
     """
     if attribute.kind in (Kind.LABEL, Kind.BOOLEAN):
         same = np.asarray(attribute.values)[picks.elements[:, 0]] == np.asarray(transferred.values)
     else:
-        read = picks.mix(np.asarray(attribute.values, dtype=np.float64))
-        off = np.abs(read - np.asarray(transferred.values, dtype=np.float64))
+        read = encode(picks.mix(np.asarray(attribute.values, dtype=np.float64)))
+        off = np.abs(read - encode(np.asarray(transferred.values, dtype=np.float64)))
         same = off <= tolerance * max(1.0, float(np.abs(read).max(initial=0)))
     return np.asarray(same.reshape(len(same), -1).all(axis=1))

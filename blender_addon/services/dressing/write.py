@@ -75,8 +75,10 @@ def _redirect_drivers(
     blocks |= {part: part for body in bodies for each in mesh_data.armatures_of(body) for part in (each, each.data)}
     bones = None
     if fitting.rigs is not None and fit.outfit is not None:
-        blocks |= mesh_data.partner_armatures(*_armatures(context, fitting.rigs))
-        bones = {name: name for name in fit.outfit.names} | fit.pairs
+        armatures = _armatures(context, fitting.rigs)
+        blocks |= mesh_data.partner_armatures(*armatures)
+        before, now = (each.data.bones for each in armatures)  # with bones that control others, and move no vertices
+        bones = {name: name for name in {*before.keys()} & {*now.keys()}} | fit.pairs
     read = mesh_data.Partners(blocks, bones, dict.fromkeys(bodies, target) | {obj: copy})
     return list(notes_on_drivers(mesh_data.redirect_drivers(copy.data.shape_keys, read), copy))
 

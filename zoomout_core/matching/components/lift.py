@@ -85,18 +85,18 @@ def _join(
     """
     source, vertex_of = pair.source_shape.proxy.full, pair.target_shape.proxy.full.vertex_of
     on_body, n = vertex_of >= 0, len(pair.target.vertices)
-    triangle, barycentric, whole = np.zeros(n, dtype=np.int64), np.tile([1.0, 0, 0], (n, 1)), np.zeros(n)
+    triangle, barycentric, joined = np.zeros(n, dtype=np.int64), np.tile([1.0, 0, 0], (n, 1)), np.zeros(n)
     triangle[on_body] = source.triangle_of[body.triangle[vertex_of[on_body]]]
     barycentric[on_body] = body.barycentric[vertex_of[on_body]]
-    whole[on_body] = confidence[vertex_of[on_body]]
+    joined[on_body] = confidence[vertex_of[on_body]]
     number = np.full(len(pair.target.working.vertices), -1)
     number[loose.image.vertices] = np.arange(len(loose.image.vertices))
     number = np.where(pair.target.working.vertex_of >= 0, number[pair.target.working.vertex_of], -1)
     placed = number >= 0
     image = number[placed]
     triangle[placed] = pair.source.working.triangle_of[loose.image.triangle[image]]
-    barycentric[placed], whole[placed] = loose.image.barycentric[image], loose.image.confidence[image]
-    return SurfaceMap(triangle, barycentric, pair.source.triangles), whole, on_body, placed
+    barycentric[placed], joined[placed] = loose.image.barycentric[image], loose.image.confidence[image]
+    return SurfaceMap(triangle, barycentric, pair.source.triangles), joined, on_body, placed
 
 
 def _on_surface(proxy: Proxy, has_partner: Booleans, beside: Booleans) -> Booleans:

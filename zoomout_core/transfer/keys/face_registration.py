@@ -245,6 +245,8 @@ class _Face:
         if middle is None:
             return none
         near = row_norms(vertices - middle) < NEAR_MOUTH * head.size
+        if not near.any():  # lips that are wide apart
+            return none
         here = find_mouth_line(vertices, triangles, middle, head)
         there = find_mouth_line(self.places, self.triangles, middle + displacement[near].mean(axis=0), head)
         if here is None or there is None:

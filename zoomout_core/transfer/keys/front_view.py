@@ -12,6 +12,10 @@ from zoomout_core.arrays import Floats, Integers
 from zoomout_core.transfer.keys.head_directions import HeadDirections
 from zoomout_core.transfer.pixels import INSIDE, pixels_near
 
+# Height of an image relative to its width: keys of both eyes that close the same ones place them on each other, which
+# would make the image as narrow as they are apart.
+MAX_HEIGHT = 20
+
 
 @dataclass(frozen=True, eq=False)
 class FrontView:
@@ -58,10 +62,15 @@ def view_from_front(
 ) -> FrontView | None:
     """Draw a surface of vertices (n, 3) and triangles (m, 3) around a centre (3,).
 
-    Takes half the width and half the height of the image, and the number of its columns. None if it is empty.
+    Takes half the width and half the height of the image, and the number of its columns. None if it is empty, a single
+    row, or much higher than wide.
     """
+    if not 0 <= half[1] < MAX_HEIGHT * half[0]:
+        return None
     axes, pixel = np.stack([head.left, head.up, head.forward]), 2 * half[0] / columns
-    rows = round(2 * half[1] / pixel) if pixel > 0 else 0
+    rows = round(2 * half[1] / pixel)
+    if rows < 2:
+        return None
     size = np.array([columns, rows]) * pixel / 2
     places = ((vertices - centre) @ axes.T)[triangles]
     inside = ((places[:, :, :2].max(axis=1) > -size) & (places[:, :, :2].min(axis=1) < size)).all(axis=1)

@@ -69,7 +69,7 @@ def find_lips(
         return None
     jumps = -np.diff(view.interpolate(opens), axis=1)
     row = int(np.median(jumps.argmax(axis=1)))
-    if np.median(jumps.max(axis=1)) < PARTED * opens.max():
+    if np.median(jumps.max(axis=1)) <= PARTED * opens.max():
         return None
     height, depth = float(view.height_of(np.array(row + 1.0))), float(np.median(view.close(VALLEY * head.size)[:, row]))
     return np.asarray(view.origin[0] * head.left + height * head.up + depth * head.forward)

@@ -76,3 +76,12 @@ def test_rims_meet_those_of_wider_eyes_and_mouths(monkeypatch: pytest.MonkeyPatc
     attracted = rim_errors()
     monkeypatch.setattr(face_registration, "FACE_REGISTRATION", without_rims)
     assert (attracted < np.array([0.4, 0.5]) * rim_errors()).all()
+
+
+@pytest.mark.filterwarnings("error")
+def test_lips_that_are_far_from_their_middle_follow_the_map(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(face_registration, "find_lips", lambda *_: np.array([0.0, -0.5, 9.0]))
+    face = face_registration._Face.of(VALUES, EXPRESSIONS, mapped())
+    assert face is not None
+    chosen, shifts = face._match_mouth(0 * face.mesh.vertices)
+    assert (len(chosen), len(shifts)) == (0, 0)

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from itertools import product
 
@@ -116,6 +117,14 @@ def test_lips_are_where_the_motion_of_the_jaw_jumps(opens: bool, found: bool) ->
     assert (middle is not None) == found
     if middle is not None:
         np.testing.assert_allclose(middle, (0, bow(np.zeros(1))[0], 0), atol=0.03)
+
+
+@pytest.mark.parametrize(("size", "jaw"), [(1e-17, -0.3), (1.0, 0.29), (1.0, 0.5)])
+def test_eyes_at_one_place_and_a_jaw_between_the_eyes_have_no_lips(size: float, jaw: float) -> None:
+    vertices = skin()
+    motion = np.where(vertices[:, 1] < bow(vertices[:, 0]), 1.0, 0.1)
+    places = np.array([0, 0.3, 0]), np.array([0, jaw, 0])
+    assert find_lips(vertices, TRIANGLES, motion, places, replace(HEAD, size=size)) is None
 
 
 def test_no_path_has_a_larger_sum() -> None:
