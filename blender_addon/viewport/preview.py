@@ -54,8 +54,8 @@ class Kind(NamedTuple):
 OF_MATCH = {
     CONFIDENCE: Kind(
         "Confidence",
-        "Confidence of the match at each vertex: blue is certain, red is guessed, and violet has no partner",
-        "Blue: certain. Red: guessed. Violet: no partner",
+        "Confidence of the match at each vertex: blue is certain, red is doubtful, and violet has no partner",
+        "Blue: certain. Red: doubtful. Violet: no partner",
     ),
     PLACES: Kind(
         "Matching Colors",

@@ -106,7 +106,7 @@ def test_a_caption_names_the_preview_until_it_is_hidden(target):
     assert bpy.ops.zoomout.preview(kind="CONFIDENCE") == {"FINISHED"}
     assert preview.caption() == (
         "Confidence: the X in the tab ZoomOut hides the colors",
-        "Blue: certain. Red: guessed. Violet: no partner",
+        "Blue: certain. Red: doubtful. Violet: no partner",
     )
     assert bpy.ops.zoomout.clear_preview() == {"FINISHED"}
     assert preview.caption() == ()
