@@ -148,8 +148,8 @@ def _add_faces(parser: argparse.ArgumentParser) -> None:
     parser.description = (
         "Transfer the shape keys of the visible meshes in the file SOURCE to those in the file TARGET, as `carry` "
         "does, and draw each key at full strength on both heads side by side, at rest and without modifiers. Red "
-        "are edges that stretch much more than on the source, and faces that cross others unlike at rest and on the "
-        "source."
+        "are edges that stretch much more than on the source, and faces that intersect others, unlike at rest and on "
+        "the source."
     )
     _add_two_files(parser)
     parser.add_argument("--sheet", required=True, metavar="SHEET.png", help="picture to write, a tile for each key")

@@ -153,7 +153,7 @@ def faces(context: Context, options: argparse.Namespace) -> dict[str, Any]:
             part.write_bytes(encode_png(found.sheet))
         for name in outcome.done:
             entries[name]["stretched_by_keys"] = found.stretched[name]
-            entries[name]["crossing_by_keys"] = found.crossing[name]
+            entries[name]["intersecting_by_keys"] = found.intersecting[name]
     if options.key_names:
         for name in outcome.done:
             said = rename_shape_keys(context, context.scene.objects[name], options.key_names)

@@ -34,11 +34,11 @@ from .base import (
     values_through_modifiers,
 )
 from .body_keys import BodyKeys, read_body_keys, write_body_keys
-from .crossings import crossing_triangles
 from .cutting import divide, write_divided
 from .image_nodes import ImageRole, ImageUse, copy_with_images, read_image_uses
 from .images import ImageFormat, read_tiles, write_image
 from .inspection import MeshFacts, content_hash, inspect_mesh
+from .intersections import intersecting_triangles
 from .joined import (
     EvaluatedObject,
     JoinedLayer,
@@ -219,7 +219,6 @@ __all__ = [
     "copy_rig",
     "copy_with_images",
     "count_layers",
-    "crossing_triangles",
     "deforming_bones",
     "directions_in_world",
     "divide",
@@ -231,6 +230,7 @@ __all__ = [
     "frames_of_animation",
     "groups_to_keep",
     "inspect_mesh",
+    "intersecting_triangles",
     "is_cage",
     "is_disabled",
     "is_flat",

@@ -23,12 +23,12 @@ from ..jobs import run
 from ..scene.pair import find_mesh
 from ..scene.stored_pair import read_stored_match
 from ..storage.stored_match import Match
-from .key_crossings import Crossings
+from .key_intersections import Intersections
 
 # Height of letters, relative to that of their line, and their distance from its left and lower border.
 LETTERS, INDENT, BASE = 0.75, 0.25, 0.3
 # Fractions of the progress until stretched edges, and until intersections are found.
-STRETCHED, CROSSING = 0.1, 0.5
+STRETCHED, INTERSECTING = 0.1, 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,12 +61,12 @@ class Review:
         sheet: picture of all keys, (height, width, 3), rows from top to bottom.
         stretched: by target and key, the number of vertices at edges that stretch much more than on the source; only
             where there are some.
-        crossing: likewise, the number of vertices of faces that cross others, see `Crossings`.
+        intersecting: likewise, the number of vertices of faces that intersect others, see `Intersections`.
     """
 
     sheet: Bytes
     stretched: dict[str, dict[str, int]] = field(default_factory=dict)
-    crossing: dict[str, dict[str, int]] = field(default_factory=dict)
+    intersecting: dict[str, dict[str, int]] = field(default_factory=dict)
 
 
 def review_expressions(context: Context, sources: Sequence[str], matches: Mapping[str, tuple[str, Match]]) -> Review:
@@ -85,25 +85,25 @@ def review_expressions(context: Context, sources: Sequence[str], matches: Mappin
         raise zo.MeshError("'{name}' has no shape keys: add or transfer some first.", name=sources[0])
     marks = {key: np.zeros(len(target.surface.vertices), dtype=bool) for key in source.keys}
     stretched: dict[str, dict[str, int]] = {}
-    crossing: dict[str, dict[str, int]] = {name: {} for name in matches}
+    intersecting: dict[str, dict[str, int]] = {name: {} for name in matches}
     with portion(0, STRETCHED), stage("Looking for stretched edges"):
         for name, (first, match) in matches.items():
             own = find_stretched(context, _sources_of(first, match), name, match)
             stretched[name] = {key: int(found.sum()) for key, found in own.items() if found.any()}
             for key, found in own.items():
                 marks[key][target.vertices[name]] = found
-    with portion(STRETCHED, CROSSING), stage("Looking for intersections"):
-        crossings = _read_crossings(source, target, matches)
+    with portion(STRETCHED, INTERSECTING), stage("Looking for intersections"):
+        intersections = _read_intersections(source, target, matches)
         shared = [key for key in source.keys if key in target.keys]
         for number, key in enumerate(shared):
             advance(number / len(shared))
-            found = crossings.find(source.keys[key], target.keys[key])
+            found = intersections.find(source.keys[key], target.keys[key])
             marks[key] |= found
             counts = {name: int(found[numbers].sum()) for name, numbers in target.vertices.items()}
             for name in matches:
-                crossing[name] |= {key: counts[name]} if counts[name] else {}
-    with portion(CROSSING, 1):
-        return Review(draw_sheet(source.head, target.head, marks, _draw_text), stretched, crossing)
+                intersecting[name] |= {key: counts[name]} if counts[name] else {}
+    with portion(INTERSECTING, 1):
+        return Review(draw_sheet(source.head, target.head, marks, _draw_text), stretched, intersecting)
 
 
 def _sources_of(first: str, match: Match) -> list[str]:
@@ -111,7 +111,7 @@ def _sources_of(first: str, match: Match) -> list[str]:
     return [first, *getattr(match, "others", ())]
 
 
-def _read_crossings(source: _Parts, target: _Parts, matches: Mapping[str, tuple[str, Match]]) -> Crossings:
+def _read_intersections(source: _Parts, target: _Parts, matches: Mapping[str, tuple[str, Match]]) -> Intersections:
     """The finder of intersections on targets, by their names and their matches with the first of their sources."""
     images = np.full((len(target.surface.vertices), 3), -1)
     for name, (first, match) in matches.items():
@@ -119,7 +119,7 @@ def _read_crossings(source: _Parts, target: _Parts, matches: Mapping[str, tuple[
         if sum(source.triangles[each] for each in names) == len(corners):  # else modifiers change their faces
             numbers = np.concatenate([source.vertices[each] for each in names])
             images[target.vertices[name]] = numbers[corners[match.surface_map.triangle]]
-    return Crossings(source.surface, target.surface, images)
+    return Intersections(source.surface, target.surface, images)
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,14 +130,14 @@ class Faults:
         sources: names of the objects that it was matched with; none if it has no match.
         stretched: by key, the vertices (n_t,) at edges that stretch much more than on the source.
         keys: by key that both have, what it adds to the sources (n_s, 3) and to the object (n_t, 3).
-        crossings: finds faces that cross others; None without a match.
+        intersections: finds faces that intersect others; None without a match.
         content: hash of the object's mesh, see `mesh_data.content_hash`.
     """
 
     sources: tuple[str, ...]
     stretched: dict[str, Booleans]
     keys: dict[str, tuple[Floats, Floats]]
-    crossings: Crossings | None
+    intersections: Intersections | None
     content: str
 
     def colors(self, key: str) -> Floats | None:
@@ -145,10 +145,10 @@ class Faults:
 
         Intersections are computed when a key is first coloured, since those of all keys take seconds.
         """
-        if self.crossings is None or key not in self.keys:
+        if self.intersections is None or key not in self.keys:
             return None
         if key not in self._found:
-            self._found[key] = self.crossings.find(*self.keys[key]) | self.stretched.get(key, False)
+            self._found[key] = self.intersections.find(*self.keys[key]) | self.stretched.get(key, False)
         found = self._found[key]
         return stretched_colors(found) if found.any() else None
 
@@ -170,8 +170,8 @@ def faults_of_keys(context: Context, target: Object) -> Faults:
     names = pair.source_names
     source, own = _read_parts(context, names), _read_parts(context, [target.name])
     keys = {key: (source.keys[key], own.keys[key]) for key in source.keys if key in own.keys}
-    crossings = _read_crossings(source, own, {target.name: (names[0], match)})
-    return Faults(names, find_stretched(context, names, target.name, match), keys, crossings, content)
+    intersections = _read_intersections(source, own, {target.name: (names[0], match)})
+    return Faults(names, find_stretched(context, names, target.name, match), keys, intersections, content)
 
 
 def names_of_keys(obj: Object) -> list[str]:

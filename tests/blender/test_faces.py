@@ -87,7 +87,7 @@ def test_all_keys_are_drawn_and_renamed(files, tmp_path, capsys):
     assert list(done) == ["Scan"]  # the eye has no keys to receive
     assert done["Scan"]["written"]["shape_keys"] == list(KEYS)
     assert done["Scan"]["stretched_by_keys"] == {}
-    assert list(done["Scan"]["crossing_by_keys"]) == ["cheekPuff"]
+    assert list(done["Scan"]["intersecting_by_keys"]) == ["cheekPuff"]
     assert "browInnerUp = browInnerUp_L + browInnerUp_R" in done["Scan"]["notes"][-1]
     bpy.ops.wm.open_mainfile(filepath=str(out))
     assert bpy.data.objects["Scan"].data.shape_keys.key_blocks.keys() == ["Basis", *KEYS, "browInnerUp"]

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import zoomout_core as zo
-from blender_addon.services.key_crossings import Crossings
+from blender_addon.services.key_intersections import Intersections
 from zoomout_core.samples.spheres import ball
 
 RADIUS = 0.2
@@ -35,7 +35,7 @@ def raised(surface, by):
 def find(target, by, source=None, on_source=0.0):
     source = source or target
     images = np.repeat(np.arange(len(target.vertices))[:, None], 3, axis=1)
-    return Crossings(source, target, images).find(raised(source, on_source), raised(target, by))
+    return Intersections(source, target, images).find(raised(source, on_source), raised(target, by))
 
 
 def test_a_key_that_pushes_through_at_half_strength_alone_is_found():
@@ -62,7 +62,7 @@ def test_what_the_source_or_the_mesh_at_rest_pushes_through_is_not_found():
     assert not find(plate_and_ball(0.0), 0.02).any()
 
 
-def test_faces_at_seams_do_not_count_as_crossing_at_rest():
+def test_faces_at_seams_do_not_count_as_intersecting_at_rest():
     whole = plate()
     apart = zo.Surface(whole.vertices[whole.triangles.ravel()], np.arange(3 * len(whole.triangles)).reshape(-1, 3))
     found = find(plate_and_ball(sheet=apart), 2.0)
@@ -71,8 +71,8 @@ def test_faces_at_seams_do_not_count_as_crossing_at_rest():
 
 def test_vertices_without_a_valid_map_and_keys_that_move_nothing_are_left_out():
     target = plate_and_ball()
-    crossings = Crossings(target, target, np.full((len(target.vertices), 3), -1))
-    assert not crossings.find(0 * target.vertices, raised(target, 2.0)).any()
+    intersections = Intersections(target, target, np.full((len(target.vertices), 3), -1))
+    assert not intersections.find(0 * target.vertices, raised(target, 2.0)).any()
     assert not find(target, 0.0).any()
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Triangles that cross each other, by Blender's trees of bounding volumes."""
+"""Triangles that intersect each other, by Blender's trees of bounding volumes."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from mathutils.bvhtree import BVHTree
 from zoomout_core.arrays import Floats, Integers
 
 
-def crossing_triangles(points: Floats, triangles: Integers, chosen: Integers, others: Integers) -> Integers:
-    """Pairs (p, 2) of triangles that cross, each once: two chosen ones, or a chosen one and one of the others.
+def intersecting_triangles(points: Floats, triangles: Integers, chosen: Integers, others: Integers) -> Integers:
+    """Pairs (p, 2) of triangles that intersect, each once: two chosen ones, or a chosen one and one of the others.
 
     Neighbours are among them where they are folded onto each other, and where a chosen one borders on another one.
 

@@ -13,22 +13,22 @@ import zoomout_core as zo
 from zoomout_core.arrays import Booleans, Floats, Integers, row_norms, take_rows
 from zoomout_core.mesh.triangles import triangle_normals
 
-from ..mesh_data import crossing_triangles
+from ..mesh_data import intersecting_triangles
 
 # The strengths at which keys are looked at.
 STRENGTHS = 0.5, 1.0
 # Shares of a key's largest motion: triangles that move less count as still, and two still ones are not compared; and
-# triangles that cross less deeply touch, as lips do that close: a tenth of a millimetre for a blink.
+# triangles that intersect less deeply touch, as lips do that close: a tenth of a millimetre for a blink.
 STILL, TOUCHING = 0.05, 0.01
-# Cells along the largest side of what a key moves, and from one to another one whose triangles may cross those of it.
+# Cells along the largest side of what a key moves, and from one to another whose triangles may intersect its own.
 CELLS, BESIDE = 32, 2
 
 
 @dataclass(frozen=True, eq=False)
-class Crossings:
+class Intersections:
     """Finds where keys push faces of a target through others.
 
-    Two triangles count if they cross in the middle of a key or at its end, neither at rest nor on the source.
+    Two triangles count if they intersect in the middle of a key or at its end, neither at rest nor on the source.
 
     Attributes:
         source: the source at rest.
@@ -42,7 +42,7 @@ class Crossings:
     images: Integers
 
     def find(self, of_source: Floats, of_target: Floats) -> Booleans:
-        """(n_t,) the vertices of faces that cross others, with what a key adds to source (n_s, 3) and target (n_t, 3).
+        """(n_t,) the vertices of faces that intersect others, where a key moves source (n_s, 3) and target (n_t, 3).
 
         Vertices whose map is not valid are left out.
         """
@@ -56,29 +56,29 @@ class Crossings:
             posed = self.target.vertices + strength * of_target
             pairs = self._new_pairs(posed, moving, TOUCHING * largest)
             if len(pairs):
-                on_source = self._crossed_images(self.source.vertices + strength * of_source, triangles[pairs])
+                on_source = self._intersecting_images(self.source.vertices + strength * of_source, triangles[pairs])
                 pairs = _without(pairs, triangles, on_source)
             found[triangles[pairs]] = True
         return found & (self.images[:, 0] >= 0)
 
     def _new_pairs(self, posed: Floats, moving: Booleans, depth: float) -> Integers:
-        """Pairs (p, 2) of triangles that cross by more than a depth, and do not at rest."""
+        """Pairs (p, 2) of triangles that intersect by more than a depth, and do not at rest."""
         triangles = self.target.triangles
-        pairs = _crossing(posed, triangles, moving)
-        pairs = _without(pairs, triangles, self._crossed_at_rest)
+        pairs = _intersecting(posed, triangles, moving)
+        pairs = _without(pairs, triangles, self._intersecting_at_rest)
         pairs = _without_neighbours(pairs, triangles, self.target.vertices)
         return pairs[_depths(posed, triangles, pairs) > depth]
 
     @cached_property
-    def _crossed_at_rest(self) -> Booleans:
-        """(n_t,) the vertices at and beside faces that cross others at rest."""
+    def _intersecting_at_rest(self) -> Booleans:
+        """(n_t,) the vertices at and beside faces that intersect others at rest."""
         vertices, triangles = self.target.vertices, self.target.triangles
-        pairs = _crossing(vertices, triangles, np.ones(len(triangles), dtype=bool))
+        pairs = _intersecting(vertices, triangles, np.ones(len(triangles), dtype=bool))
         pairs = _without_neighbours(pairs, triangles, vertices)
         return _widen(np.isin(np.arange(len(vertices)), triangles[pairs]), triangles)
 
-    def _crossed_images(self, posed: Floats, corners: Integers) -> Booleans:
-        """(n_t,) the target's vertices whose images are at or beside faces of the posed source that cross others.
+    def _intersecting_images(self, posed: Floats, corners: Integers) -> Booleans:
+        """(n_t,) the target's vertices whose images are at or beside faces of the posed source that intersect others.
 
         Faces of the source are looked at around the images of some of the target's vertices, `corners`.
         """
@@ -86,24 +86,24 @@ class Crossings:
         images = self.images[np.unique(corners)]
         around = np.isin(np.arange(len(posed)), images[images[:, 0] >= 0])
         around = _widen(_widen(around, triangles), triangles)
-        pairs = _crossing(posed, triangles, around[triangles].all(axis=1))
+        pairs = _intersecting(posed, triangles, around[triangles].all(axis=1))
         pairs = _without_neighbours(pairs, triangles, self.source.vertices)
-        crossed = _widen(np.isin(np.arange(len(posed)), triangles[pairs]), triangles)
-        return crossed[self.images].any(axis=1)
+        intersecting = _widen(np.isin(np.arange(len(posed)), triangles[pairs]), triangles)
+        return intersecting[self.images].any(axis=1)
 
 
-def _crossing(posed: Floats, triangles: Integers, chosen: Booleans) -> Integers:
-    """Pairs (p, 2) of triangles that cross, of which one is among some chosen ones (m,)."""
+def _intersecting(posed: Floats, triangles: Integers, chosen: Booleans) -> Integers:
+    """Pairs (p, 2) of triangles that intersect, of which one is among some chosen ones (m,)."""
     first, others = np.flatnonzero(chosen), np.flatnonzero(~chosen)
     if len(first) and len(others):
         others = np.flatnonzero(_are_near(posed, triangles, chosen))
-    return crossing_triangles(posed, triangles, first, others)
+    return intersecting_triangles(posed, triangles, first, others)
 
 
 def _are_near(posed: Floats, triangles: Integers, chosen: Booleans) -> Booleans:
     """(m,) which triangles that are not chosen (m,) are in the cells of a grid in or beside which chosen ones are.
 
-    Cells are at least as large as the triangles, so that none that crosses a chosen one is left out.
+    Cells are at least as large as the triangles, so that none that intersects a chosen one is left out.
     """
     corners = [take_rows(posed, corner) for corner in triangles.T]
     first, last = reduce(np.minimum, corners), reduce(np.maximum, corners)
