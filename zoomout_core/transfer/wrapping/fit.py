@@ -134,7 +134,7 @@ class Fit:
     def _lift_stages(self, coarsening: Coarsening, lengths: Floats) -> Floats:
         """(n, 3) positions after stages of lengths (s,) on a coarse copy."""
         some, rest = coarsening.vertices, self.rest_mesh.rest
-        coarse = copy(self)
+        coarse = copy(self)  # all that `_run_stages` reads is replaced
         coarse.rest_mesh = self.rest_mesh.coarsen(some, coarsening.triangles)
         coarse.projections = self.projections.coarsen(some, coarsening.triangles)
         coarse.weight, coarse.trust, coarse.turns = self.weight[some], self.trust[some], self.turns[some]
