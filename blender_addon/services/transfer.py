@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -38,7 +38,6 @@ from ..properties.match import option_label
 from ..scene.pair import (
     READING,
     evaluated_sources,
-    find_mesh,
     target_mesh,
     users_of_mesh,
     writing,
@@ -50,8 +49,7 @@ from .binding.check import check_binding
 from .binding.write import hide_sources, is_at_source, keep_match, write_bound, write_posed_shape
 from .constraints import check_options
 from .dressing.dress import take_to_rest
-from .matching.candidates import store_match
-from .matching.made_match import CALL_WITH_FORCE, is_probably_wrong, make_match, push_match, store_and_stop
+from .matching.made_match import CALL_WITH_FORCE, find_match, push_match, store_and_stop
 from .targets import Write
 
 # Fraction of the progress for a new match.
@@ -213,7 +211,6 @@ async def prepare_transfer(
         check_binding(context, source_name, target_name, binding, settings)
         data = {*data, "vertex_groups"}
     pair = await stored_pair(context, source_name, target_name)
-    stored = stored_match.read(find_mesh(context, target_name).data, pair)
     adapters, remarks, blend = await _collect(context, pair, data, settings)
     # Those of a bound target are transferred once its pose is known.
     bound_later = [one for one in adapters if binding is not None and one.kind in ("vertex_groups", "shape_keys")]
@@ -221,19 +218,14 @@ async def prepare_transfer(
     keys = next((one for one in bound_later if isinstance(one, ShapeKeyAdapter)), None)
     if binding is not None and weights is None:
         raise zo.MeshError("All bone vertex groups of '{target}' are locked: unlock them.", target=target_name)
-    match: stored_match.Match
-    if stored is None:
-        with portion(0, MATCHING):
-            match, made_with = await make_match(context, pair, adjusted, match_options)
-    else:
-        match = stored
-        remarks.notes.extend(_unused_settings(stored, match_options))
-    if stored is None and not adjusted and not force and is_probably_wrong(match):
-        return partial(store_and_stop, context, pair, match, made_with, remedy, undo_step)
-    job = TransferJob(match, pair, remarks, settings, blend)
-    begun, bound = MATCHING if stored is None else 0.0, None
-    done = 1.0 if binding is None else (1 + begun) / 2
-    with portion(begun, done):
+    found = await find_match(context, pair, MATCHING, adjusted, force, match_options)
+    if found.refused is not None:
+        return partial(store_and_stop, context, pair, found.refused, found.settings, remedy, undo_step)
+    if not found.is_new:
+        remarks.notes.extend(_unused_settings(found.settings, match_options))
+    job, bound = TransferJob(found.match, pair, remarks, settings, blend), None
+    done = 1.0 if binding is None else (1 + found.done) / 2
+    with portion(found.done, done):
         await compute(partial(transfer_all, [one for one in adapters if one not in bound_later], job))
     if binding is not None and weights is not None:
         with portion(done, 1):
@@ -243,10 +235,9 @@ async def prepare_transfer(
 
     def write() -> dict[str, Any]:
         with writing(context, pair) as (_, target):
-            if stored is None:
-                store_match(target.data, match, pair, made_with)
-                if undo_step:
-                    push_match()
+            found.store(target.data, pair)
+            if found.is_new and undo_step:
+                push_match()
             for one in adapters:
                 if one.kind not in AT_REST:
                     one.write(target)
@@ -260,15 +251,15 @@ async def prepare_transfer(
                 write_posed_shape(target, bound)
             target.data.update()
             if bound is not None:
-                keep_match(context, pair, match, stored.settings if stored else made_with)
+                keep_match(context, pair, found.match, found.settings)
             return _write_report(target, adapters, job, users_of_mesh(context, target), bound)
 
     return write
 
 
-def _unused_settings(stored: stored_match.StoredMatch, settings: dict[str, Any]) -> list[str]:
-    """A sentence about settings that differ from those of the stored match, or are not stored, if any."""
-    unused = [name for name, value in settings.items() if name not in stored.settings or stored.settings[name] != value]
+def _unused_settings(stored: Mapping[str, Any], settings: Mapping[str, Any]) -> list[str]:
+    """A sentence about settings that differ from those of a stored match, or are not stored, if any."""
+    unused = [name for name, value in settings.items() if name not in stored or stored[name] != value]
     if not unused:
         return []
     labels = enumeration(as_message(option_label(name)) for name in unused)

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Literal
@@ -28,8 +28,7 @@ from ..scene.stored_pair import stored_pair
 from ..storage import stored_match
 from .constraints import check_options
 from .matching import previews
-from .matching.candidates import store_match
-from .matching.made_match import CALL_WITH_FORCE, is_probably_wrong, make_match, store_and_stop
+from .matching.made_match import CALL_WITH_FORCE, find_match, store_and_stop
 from .targets import Write
 
 # Fractions of the progress for a new match, and for reversing a match.
@@ -132,28 +131,19 @@ async def prepare_wrap(
     check_options(match_options)
     pair = await stored_pair(context, source_name, target_name)
     given = _prepare(context, pair, wrapping)
-    stored = stored_match.read(find_mesh(context, target_name).data, pair)
-    match: stored_match.Match
-    begin = 0.0
-    if stored is None:
-        begin = MATCHING
-        with portion(0, begin):
-            match, made_with = await make_match(context, pair, adjusted, match_options)
-        if not adjusted and not force and is_probably_wrong(match):
-            return partial(store_and_stop, context, pair, match, made_with, remedy)
-    else:
-        match, made_with = stored, stored.settings
-    with portion(begin, 1):
-        wrapped = await compute(partial(_wrap, match, pair, given, wrapping))
+    found = await find_match(context, pair, MATCHING, adjusted, force, match_options)
+    if found.refused is not None:
+        return partial(store_and_stop, context, pair, found.refused, found.settings, remedy)
+    with portion(found.done, 1):
+        wrapped = await compute(partial(_wrap, found.match, pair, given, wrapping))
     notes = [*wrapped.notes, *(given.landmarks.notes if given.landmarks else ())]
 
     def write() -> dict[str, Any]:
         with writing(context, pair, find_mesh(context, given.wrapped)) as (_, target):
-            if stored is None:
-                store_match(target.data, match, pair, made_with)
+            found.store(target.data, pair)
             obj, key, more = _write(context, given, wrapping, wrapped.vertices)
             if wrapping.result != "shape_key":
-                _keep_match(context, pair, match, made_with, obj, wrapping)
+                _keep_match(context, pair, found.match, found.settings, obj, wrapping)
         if obj.name == target_name:
             previews.follow_match(context, obj)
         return {
@@ -162,7 +152,7 @@ async def prepare_wrap(
             "object": obj.name,
             "key": key,
             "turned_over": wrapped.turned_over,
-            "verdict": stored_match.pack_verdict(match),
+            "verdict": stored_match.pack_verdict(found.match),
             "notes": [*notes, *more],
         }
 
@@ -300,7 +290,7 @@ def _keep_match(
     context: Context,
     pair: ObjectPair,
     match: stored_match.Match,
-    made_with: dict[str, Any],
+    settings: Mapping[str, Any],
     obj: Object,
     wrapping: Wrapping,
 ) -> None:
@@ -313,4 +303,4 @@ def _keep_match(
         obj = find_mesh(context, pair.target_name)
     else:
         now = replace(pair, target_fingerprint=fingerprint_target(context, obj.name))
-    stored_match.write(obj.data, match, now, made_with)
+    stored_match.write(obj.data, match, now, settings)

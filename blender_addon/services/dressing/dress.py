@@ -21,8 +21,7 @@ from ...scene.pair import check_not_edited, find_mesh
 from ...scene.stored_pair import stored_pair
 from ...storage import stored_match
 from ..constraints import check_options
-from ..matching.candidates import store_match
-from ..matching.made_match import CALL_WITH_FORCE, is_probably_wrong, make_match, store_and_stop
+from ..matching.made_match import CALL_WITH_FORCE, find_match, store_and_stop
 from ..targets import Write
 from .fit import fit_worn, notes_on_stretch
 from .read import READING, Dressing, check_unchanged, read_fitting, read_worn_object
@@ -97,33 +96,24 @@ async def prepare_dress(
     pair = await stored_pair(context, source_name, target_name)
     left_out: dict[str, str] = {}
     fitting = await read_fitting(context, pair, things, dressing, left_out)
-    stored = stored_match.read(find_mesh(context, target_name).data, pair)
-    match: stored_match.Match
-    begin = 0.0
-    if stored is None:
-        begin = MATCHING
-        with portion(0, begin):
-            match, made_with = await make_match(context, pair, adjusted, match_options)
-        if not adjusted and not force and is_probably_wrong(match):
-            return partial(store_and_stop, context, pair, match, made_with, remedy)
-    else:
-        match, made_with = stored, stored.settings
-    with portion(begin, 1):
-        fit = await compute(partial(fit_worn, match, fitting, dressing))
+    found = await find_match(context, pair, MATCHING, adjusted, force, match_options)
+    if found.refused is not None:
+        return partial(store_and_stop, context, pair, found.refused, found.settings, remedy)
+    with portion(found.done, 1):
+        fit = await compute(partial(fit_worn, found.match, fitting, dressing))
 
     def write() -> dict[str, Any]:
         check_not_edited(context, pair)
         check_unchanged(context, fitting.worn)
         with mesh_data.all_or_nothing(find_mesh(context, target_name)) as writing:
-            if stored is None:
-                store_match(find_mesh(context, target_name).data, match, pair, made_with)
+            found.store(find_mesh(context, target_name).data, pair)
             made, notes = write_copies(context, pair, fitting, fit, writing)
         return {
             "source": source_name,
             "target": target_name,
             "objects": made,
             "left_out": left_out,
-            "verdict": stored_match.pack_verdict(match),
+            "verdict": stored_match.pack_verdict(found.match),
             "notes": [*fit.dressed.notes, *notes_on_stretch(fitting.worn, fit.dressed), *fitting.notes, *notes],
         }
 

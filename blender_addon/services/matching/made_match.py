@@ -1,18 +1,22 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The match that a transfer, a wrap or a dress makes if none is stored, and the stop if it is probably wrong."""
+"""The match that a transfer, a wrap or a dress follows: the stored one, or a new one, unless that is probably wrong."""
 
 from __future__ import annotations
 
-from typing import Any, NoReturn, TypeGuard
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, NoReturn
 
 import bpy
-from bpy.types import Context
+from bpy.types import Context, Mesh
 
 import zoomout_core as zo
 from zoomout_core.matching.report.verdict import RED, RefusedMatchError
+from zoomout_core.runtime.progress import portion
 
 from ...mesh_data import ObjectPair
-from ...scene.pair import writing
+from ...scene.pair import find_mesh, writing
+from ...storage import stored_match
 from ...storage.stored_match import Match
 from ...translations import translated
 from ..constraints import match_pair, settings_to_store
@@ -22,34 +26,61 @@ from .candidates import cache_made_match, last_made_match, store_match
 CALL_WITH_FORCE = "To use this match anyway, call the function with force=True."
 
 
-async def make_match(
-    context: Context, pair: ObjectPair, adjusted: bool, match_options: dict[str, Any]
-) -> tuple[Match, dict[str, Any]]:
-    """Match two objects, and cache the match in memory; returns it with the settings to store.
+@dataclass(frozen=True, eq=False)
+class FoundMatch:
+    """The match of two objects that an operation follows.
+
+    Attributes:
+        match: the match.
+        settings: the options that it was made with, as far as they are known.
+        done: the fraction of the operation's progress that finding it took, in [0, 1].
+        is_new: whether it was not stored before.
+        refused: the match, if it is new, probably wrong, and not to be used anyway.
+    """
+
+    match: Match
+    settings: Mapping[str, Any]
+    done: float
+    is_new: bool
+    refused: zo.MatchResult | None = None
+
+    def store(self, mesh: Mesh, pair: ObjectPair) -> None:
+        """Store the match on the target's mesh if it is new."""
+        if self.is_new:
+            store_match(mesh, self.match, pair, self.settings)
+
+
+async def find_match(
+    context: Context, pair: ObjectPair, share: float, adjusted: bool, force: bool, match_options: dict[str, Any]
+) -> FoundMatch:
+    """Read the stored match of two objects, or else match them and cache the match in memory.
 
     Args:
         context: Blender's.
         pair: the two objects.
+        share: the fraction of the caller's progress for a new match.
         adjusted: whether the caller repeats its last operation with other settings, and may reuse the cached match.
+        force: whether a new match is used even if it is probably wrong.
         match_options: options of `match_objects`.
     """
+    stored = stored_match.read(find_mesh(context, pair.target_name).data, pair)
+    if stored is not None:
+        return FoundMatch(stored, stored.settings, 0.0, is_new=False)
     settings = settings_to_store(context, pair, match_options)
-    made = last_made_match(pair) if adjusted else None
-    match = made or await match_pair(context, pair, **match_options)
+    with portion(0, share):
+        match = (last_made_match(pair) if adjusted else None) or await match_pair(context, pair, **match_options)
     cache_made_match(pair, match)
-    return match, settings
-
-
-def is_probably_wrong(match: Match) -> TypeGuard[zo.MatchResult]:
-    """Whether the verdict on a match is red."""
-    return isinstance(match, zo.MatchResult) and match.verdict.level == RED
+    refused = None
+    if isinstance(match, zo.MatchResult) and match.verdict.level == RED and not adjusted and not force:
+        refused = match
+    return FoundMatch(match, settings, share, True, refused)
 
 
 def store_and_stop(
     context: Context,
     pair: ObjectPair,
     match: zo.MatchResult,
-    settings: dict[str, Any],
+    settings: Mapping[str, Any],
     remedy: str,
     undo_step: bool = False,
 ) -> NoReturn:
