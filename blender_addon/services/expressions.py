@@ -15,6 +15,7 @@ from zoomout_core.arrays import Booleans, Bytes, Floats, Integers
 from zoomout_core.drawing import draw_triangles
 from zoomout_core.expression_sheet import INK, PAPER, Head, draw_sheet
 from zoomout_core.runtime.progress import advance, portion, stage
+from zoomout_core.transfer.keys.intersections import Intersections
 from zoomout_core.transfer.rigging.stretch import play_offsets, stretched_edges
 
 from .. import mesh_data
@@ -23,7 +24,6 @@ from ..jobs import run
 from ..scene.pair import find_mesh
 from ..scene.stored_pair import read_stored_match
 from ..storage.stored_match import Match
-from .key_intersections import Intersections
 
 # Height of letters, relative to that of their line, and their distance from its left and lower border.
 LETTERS, INDENT, BASE = 0.75, 0.25, 0.3
@@ -119,7 +119,7 @@ def _read_intersections(source: _Parts, target: _Parts, matches: Mapping[str, tu
         if sum(source.triangles[each] for each in names) == len(corners):  # else modifiers change their faces
             numbers = np.concatenate([source.vertices[each] for each in names])
             images[target.vertices[name]] = numbers[corners[match.surface_map.triangle]]
-    return Intersections(source.surface, target.surface, images)
+    return Intersections(source.surface, target.surface, images, mesh_data.intersecting_triangles)
 
 
 @dataclass(frozen=True, eq=False)

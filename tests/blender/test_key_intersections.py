@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 
 import zoomout_core as zo
-from blender_addon.services.key_intersections import Intersections
+from blender_addon.mesh_data import intersecting_triangles
 from zoomout_core.samples.spheres import ball
+from zoomout_core.transfer.keys.intersections import Intersections
 
 RADIUS = 0.2
 UP = np.array([0.0, 0.0, 1.0])
@@ -35,7 +36,9 @@ def raised(surface, by):
 def find(target, by, source=None, on_source=0.0):
     source = source or target
     images = np.repeat(np.arange(len(target.vertices))[:, None], 3, axis=1)
-    return Intersections(source, target, images).find(raised(source, on_source), raised(target, by))
+    return Intersections(source, target, images, intersecting_triangles).find(
+        raised(source, on_source), raised(target, by)
+    )
 
 
 def test_a_key_that_pushes_through_at_half_strength_alone_is_found():
@@ -71,7 +74,7 @@ def test_faces_at_seams_do_not_count_as_intersecting_at_rest():
 
 def test_vertices_without_a_valid_map_and_keys_that_move_nothing_are_left_out():
     target = plate_and_ball()
-    intersections = Intersections(target, target, np.full((len(target.vertices), 3), -1))
+    intersections = Intersections(target, target, np.full((len(target.vertices), 3), -1), intersecting_triangles)
     assert not intersections.find(0 * target.vertices, raised(target, 2.0)).any()
     assert not find(target, 0.0).any()
 

@@ -3,17 +3,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, reduce
 
 import numpy as np
 import scipy
 
-import zoomout_core as zo
 from zoomout_core.arrays import Booleans, Floats, Integers, row_norms, take_rows
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_normals
 
-from ..mesh_data import intersecting_triangles
+# Finds the pairs (p, 2) of triangles that intersect, each once, among positions (n, 3) and triangles (m, 3): two of the
+# first chosen ones (c,), ascending, or one of these and one of the others (o,). Neighbours may be among them.
+IntersectingTriangles = Callable[[Floats, Integers, Integers, Integers], Integers]
 
 # The strengths at which keys are looked at.
 STRENGTHS = 0.5, 1.0
@@ -35,11 +38,13 @@ class Intersections:
         target: the target at rest.
         images: (n_t, 3) the vertices of the source around the image of each vertex of the target; -1 where the map is
             not valid, as if modifiers change the faces of the source.
+        intersecting_triangles: finds triangles that intersect, as by trees of bounding volumes, which the host has.
     """
 
-    source: zo.Surface
-    target: zo.Surface
+    source: Surface
+    target: Surface
     images: Integers
+    intersecting_triangles: IntersectingTriangles
 
     def find(self, of_source: Floats, of_target: Floats) -> Booleans:
         """(n_t,) the vertices of faces that intersect others, where a key moves source (n_s, 3) and target (n_t, 3).
@@ -61,10 +66,17 @@ class Intersections:
             found[triangles[pairs]] = True
         return found & (self.images[:, 0] >= 0)
 
+    def _pairs(self, posed: Floats, triangles: Integers, chosen: Booleans) -> Integers:
+        """Pairs (p, 2) of triangles that intersect, of which one is among some chosen ones (m,)."""
+        first, others = np.flatnonzero(chosen), np.flatnonzero(~chosen)
+        if len(first) and len(others):
+            others = np.flatnonzero(_are_near(posed, triangles, chosen))
+        return self.intersecting_triangles(posed, triangles, first, others)
+
     def _new_pairs(self, posed: Floats, moving: Booleans, depth: float) -> Integers:
         """Pairs (p, 2) of triangles that intersect by more than a depth, and do not at rest."""
         triangles = self.target.triangles
-        pairs = _intersecting(posed, triangles, moving)
+        pairs = self._pairs(posed, triangles, moving)
         pairs = _without(pairs, triangles, self._intersecting_at_rest)
         pairs = _without_neighbours(pairs, triangles, self.target.vertices)
         return pairs[_depths(posed, triangles, pairs) > depth]
@@ -73,7 +85,7 @@ class Intersections:
     def _intersecting_at_rest(self) -> Booleans:
         """(n_t,) the vertices at and beside faces that intersect others at rest."""
         vertices, triangles = self.target.vertices, self.target.triangles
-        pairs = _intersecting(vertices, triangles, np.ones(len(triangles), dtype=bool))
+        pairs = self._pairs(vertices, triangles, np.ones(len(triangles), dtype=bool))
         pairs = _without_neighbours(pairs, triangles, vertices)
         return _widen(np.isin(np.arange(len(vertices)), triangles[pairs]), triangles)
 
@@ -86,18 +98,10 @@ class Intersections:
         images = self.images[np.unique(corners)]
         around = np.isin(np.arange(len(posed)), images[images[:, 0] >= 0])
         around = _widen(_widen(around, triangles), triangles)
-        pairs = _intersecting(posed, triangles, around[triangles].all(axis=1))
+        pairs = self._pairs(posed, triangles, around[triangles].all(axis=1))
         pairs = _without_neighbours(pairs, triangles, self.source.vertices)
         intersecting = _widen(np.isin(np.arange(len(posed)), triangles[pairs]), triangles)
         return intersecting[self.images].any(axis=1)
-
-
-def _intersecting(posed: Floats, triangles: Integers, chosen: Booleans) -> Integers:
-    """Pairs (p, 2) of triangles that intersect, of which one is among some chosen ones (m,)."""
-    first, others = np.flatnonzero(chosen), np.flatnonzero(~chosen)
-    if len(first) and len(others):
-        others = np.flatnonzero(_are_near(posed, triangles, chosen))
-    return intersecting_triangles(posed, triangles, first, others)
 
 
 def _are_near(posed: Floats, triangles: Integers, chosen: Booleans) -> Booleans:
