@@ -14,12 +14,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from scipy.sparse import csr_array
 
 from zoomout_core.arrays import Booleans, Floats, Integers, take_rows
+from zoomout_core.mesh.adjacency import Edges, Lists, Quads, group_by_key
 from zoomout_core.mesh.triangles import cross
 from zoomout_core.runtime.progress import advance
 from zoomout_core.tuning import Tuning, tuned
@@ -185,8 +185,8 @@ class _State:
         if self.mirror is None:
             return
         wedge = self._combine(layers)
-        edges = _Edges(self.triangles, wedge[self.corners], len(self.places))
-        quads = _Quads(self.triangles, edges)
+        edges = Edges(self.triangles, wedge[self.corners], len(self.places))
+        quads = Quads(self.triangles, edges)
         image = self.mirror[quads.vertices]
         paired = np.flatnonzero((image >= 0).all(axis=1))
         image = image[paired]
@@ -212,7 +212,7 @@ class _State:
         self.triangles = self.vertex_of_corner[self.corners]
         self.content = self.corners.copy()
         self.first = self.triangles.copy(), self.corners.copy()
-        edges = _Edges(self.triangles, wedge[self.corners], len(self.places))
+        edges = Edges(self.triangles, wedge[self.corners], len(self.places))
         image = np.where(self.mirror[edges.ends].min(axis=1) >= 0, edges.find(*self.mirror[edges.ends].T), -1)
         uneven = (image < 0) | (edges.is_line != edges.is_line[image])
         self._unpair(edges.ends[uneven].ravel())
@@ -261,7 +261,7 @@ class _State:
     def _add_lines(self) -> None:
         """Add planes through borders and seams, at right angles to their triangles."""
         triangles, corners = self.first
-        edges = _Edges(triangles, self.wedge[corners], len(self.quadrics))
+        edges = Edges(triangles, self.wedge[corners], len(self.quadrics))
         half = np.flatnonzero(edges.is_line[edges.of_half])
         triangles, ends = triangles[half % len(triangles)], edges.ends[edges.of_half[half]]
         squared = ((self.places[ends[:, 1], 0] - self.places[ends[:, 0], 0]) ** 2).sum(axis=1)
@@ -296,9 +296,9 @@ class _State:
 
     def collapse(self, wanted: int) -> int:
         """Merge up to `wanted` vertices into neighbours; returns their number."""
-        edges = _Edges(self.triangles, self.wedge[self.corners], len(self.quadrics))
-        corner, start = _group(self.triangles.ravel(), len(self.quadrics))
-        around = _Lists(corner // 3, start)
+        edges = Edges(self.triangles, self.wedge[self.corners], len(self.quadrics))
+        corner, start = group_by_key(self.triangles.ravel(), len(self.quadrics))
+        around = Lists(corner // 3, start)
         self._update_costs(edges)
         directions = self._free_directions(edges)
         self.normals = self._normals(self.triangles, slice(0, 1))[0][:, 0]
@@ -317,7 +317,7 @@ class _State:
         """The first collapses, with the mirror images of all."""
         return chosen[: wanted + 1] if self.mirror is not None and wanted < len(chosen) else chosen[:wanted]
 
-    def _update_costs(self, edges: _Edges) -> None:
+    def _update_costs(self, edges: Edges) -> None:
         """Compute the costs of edges that are new or whose ends changed, in both directions."""
         cost = np.empty((len(edges.ends), 2))
         fails = np.zeros((len(edges.ends), 2), dtype=bool)
@@ -342,7 +342,7 @@ class _State:
         self.changed = np.zeros(len(self.quadrics), dtype=bool)
         self.touched = np.zeros(len(self.quadrics), dtype=bool)
 
-    def _free_directions(self, edges: _Edges) -> Booleans:
+    def _free_directions(self, edges: Edges) -> Booleans:
         """(e, 2) whether lines and the plane of symmetry allow a collapse from the first or second end of an edge."""
         n = len(self.quadrics)
         on_line = np.zeros(n, dtype=bool)
@@ -355,12 +355,12 @@ class _State:
             may &= ~on_plane | on_plane[:, ::-1]
         return may
 
-    def _candidates(self, edges: _Edges, directions: Booleans) -> _Candidates:
+    def _candidates(self, edges: Edges, directions: Booleans) -> _Candidates:
         """For each vertex that may move the cheapest neighbour to merge it into, the cheapest collapse first."""
         cost = np.where(directions & ~self.known.fails, self.known.cost, np.inf)
         direction, edge = np.divmod(np.flatnonzero(np.isfinite(cost.T.ravel())), len(cost))
         tail, head, cost = edges.ends[edge, direction], edges.ends[edge, 1 - direction], cost[edge, direction]
-        order, _ = _group(tail, len(self.quadrics))
+        order, _ = group_by_key(tail, len(self.quadrics))
         tail, head, cost, place = tail[order], head[order], cost[order], 2 * edge[order] + direction[order]
         for step in range(3 if len(tail) else 0):
             start = np.flatnonzero(np.diff(tail, prepend=-1))
@@ -381,7 +381,7 @@ class _State:
         other = self.mirror[vertex]
         return np.where(other >= 0, np.minimum(vertex, other), vertex)
 
-    def _choose(self, among: _Candidates, edges: _Edges, around: _Lists) -> Integers:
+    def _choose(self, among: _Candidates, edges: Edges, around: Lists) -> Integers:
         """Numbers of cheap collapses that do not touch each other; those that are impossible are noted as such."""
         tail, head, rank = among.tail, among.head, among.rank
         count = max(int(np.ceil(SHARE * len(tail))), 1)
@@ -416,7 +416,7 @@ class _State:
                 break
         return chosen
 
-    def _keeps_form(self, tail: Integers, head: Integers, around: _Lists, edges: _Edges) -> Booleans:
+    def _keeps_form(self, tail: Integers, head: Integers, around: Lists, edges: Edges) -> Booleans:
         """Whether each collapse keeps topology and seams, and turns no triangle over, in the mesh or its chart."""
         which, triangle = around.of(tail)
         rows = self.triangles[triangle]
@@ -444,7 +444,7 @@ class _State:
         return fits
 
     def _folds(
-        self, tail: Integers, head: Integers, which: Integers, triangle: Integers, normals: Floats, edges: _Edges
+        self, tail: Integers, head: Integers, which: Integers, triangle: Integers, normals: Floats, edges: Edges
     ) -> Booleans:
         """(q,) whether collapses fold triangles onto a neighbour, clearly more than any at the same tail before.
 
@@ -471,16 +471,14 @@ class _State:
         return folds & (opening < KEPT_OPENING * before[which])
 
     def _move_content(
-        self, tail: Integers, head: Integers, around: _Lists, which: Integers, content: Integers, at_tail: Booleans
+        self, tail: Integers, head: Integers, around: Lists, which: Integers, content: Integers, at_tail: Booleans
     ) -> Integers:
         """The content (k, 3) of triangles after collapses `which`: across a seam, they keep that of the tail."""
         own = (content * at_tail).sum(axis=1)
         goal = self._partners(tail, head, around, self.content, self.content_wedge).find(which, self.content_wedge[own])
         return np.where(at_tail, np.where(goal < 0, own, goal)[:, None], content)
 
-    def _partners(
-        self, tail: Integers, head: Integers, around: _Lists, corners: Integers, wedge: Integers
-    ) -> _Partners:
+    def _partners(self, tail: Integers, head: Integers, around: Lists, corners: Integers, wedge: Integers) -> _Partners:
         """The corners of `head` in the triangles that a collapse removes, by the data of the corner of `tail` there."""
         which, triangle = around.of(tail)
         rows, corners = self.triangles[triangle], corners[triangle]
@@ -499,7 +497,7 @@ class _State:
         other = self.mirror[tail]
         return (other < 0) | (goal[other] == self.mirror[head])
 
-    def _merge(self, tail: Integers, head: Integers, around: _Lists) -> None:
+    def _merge(self, tail: Integers, head: Integers, around: Lists) -> None:
         which, triangle = around.of(tail)
         rows = self.triangles[triangle]
         at_tail = rows == tail[which, None]
@@ -579,139 +577,6 @@ class _Partners:
         key = which * self.wedges + wedge
         at = np.minimum(np.searchsorted(self.key, key), max(len(self.key) - 1, 0))
         return np.where(self.key[at] == key, self.corner[at], -1) if len(self.key) else np.full(len(key), -1)
-
-
-class _Lists:
-    """Lists of entries (e,), the n-th of which begins at `start[n]`, the last end included."""
-
-    def __init__(self, entries: Integers, start: Integers) -> None:
-        self.entries, self.start = entries, start
-
-    def count(self, chosen: Integers) -> Integers:
-        """(k,) the lengths of lists."""
-        return self.start[chosen + 1] - self.start[chosen]
-
-    def of(self, chosen: Integers) -> tuple[Integers, Integers]:
-        """(q,) the place in `chosen` (k,) of each entry of these lists, and the entries."""
-        count = self.count(chosen)
-        which = np.repeat(np.arange(len(chosen)), count)
-        within = np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count)
-        return which, self.entries[self.start[chosen][which] + within]
-
-
-class _Edges:
-    """The edges of triangles (m, 3) of n vertices whose corners have data (m, 3).
-
-    Attributes:
-        ends: (e, 2) vertex numbers, the smaller first, in ascending order.
-        key: (e,) a number for both.
-        of_half: (3 m,) the edge of each side of the triangles: all first sides, then all second and third ones.
-        sides: (e, 2) the sides of triangles that each edge is, -1 where there are not two.
-        is_line: (e,) whether it is a border or a seam.
-        is_odd: (e,) whether it has more than two triangles.
-    """
-
-    def __init__(self, triangles: Integers, wedge: Integers, n: int) -> None:
-        tail, head = triangles.T.ravel(), np.roll(triangles, -1, axis=1).T.ravel()
-        of_tail, of_head = wedge.T.ravel(), np.roll(wedge, -1, axis=1).T.ravel()
-        swapped = tail > head
-        low, high = np.where(swapped, of_head, of_tail), np.where(swapped, of_tail, of_head)
-        start, stop = np.minimum(tail, head), np.maximum(tail, head)
-        by_stop, _ = _group(stop, n)
-        order = by_stop[_group(start[by_stop], n)[0]]
-        key = start[order] * n + stop[order]
-        first = np.flatnonzero(np.diff(key, prepend=-1))
-        count = np.diff([*first, len(key)])
-        edge = np.repeat(np.arange(len(first)), count)
-        self.n, self.key = n, key[first]
-        self.ends = np.column_stack(np.divmod(self.key, n))
-        self.of_half = np.empty(len(key), dtype=np.int64)
-        self.of_half[order] = edge
-        two = np.flatnonzero(count == 2)
-        self.sides = np.full((len(first), 2), -1)
-        self.sides[two] = order[first[two][:, None] + [0, 1]]
-        low, high = low[order], high[order]
-        differs = (low != low[first][edge]) | (high != high[first][edge])
-        self.is_line = count == 1
-        self.is_line[edge[differs]] = True
-        self.is_odd = count > 2
-
-    def find(self, one: Integers, other: Integers) -> Integers:
-        """(k,) numbers of the edges between vertices, -1 for none."""
-        key = np.minimum(one, other) * self.n + np.maximum(one, other)
-        at = np.minimum(np.searchsorted(self.key, key), len(self.key) - 1)
-        return np.where(self.key[at] == key, at, -1)
-
-    def count_common(self, one: Integers, other: Integers) -> Integers:
-        """(k,) the numbers of vertices that are neighbours of both vertices."""
-        which, neighbour = self.neighbours.of(one)
-        goal = other[which]
-        apart = neighbour != goal
-        which, neighbour, goal = which[apart], neighbour[apart], goal[apart]
-        return np.bincount(which[self.find(neighbour, goal) >= 0], minlength=len(one))
-
-    @cached_property
-    def across(self) -> Integers:
-        """(m, 3) the triangle beyond each side of the triangles, -1 for none or several."""
-        pairs = self.sides[self.sides[:, 0] >= 0]
-        across = np.full(len(self.of_half), -1)
-        across[pairs] = pairs[:, ::-1] % (len(across) // 3)
-        return across.reshape(3, -1).T
-
-    @cached_property
-    def neighbours(self) -> _Lists:
-        """The neighbours of each vertex."""
-        order, start = _group(self.ends.T.ravel(), self.n)
-        return _Lists(self.ends[:, ::-1].T.ravel()[order], start)
-
-
-class _Quads:
-    """The q pairs of triangles (m, 3) that have an edge in common, which is no line.
-
-    Attributes:
-        triangles: (q, 2) their numbers.
-        vertices: (q, 4) the vertices around the quad that they make; the edge is between the first and the third one.
-        of_edge: (e,) the quad of each edge, -1 for none.
-    """
-
-    def __init__(self, triangles: Integers, edges: _Edges) -> None:
-        count = len(triangles)
-        edge = np.flatnonzero((edges.sides[:, 0] >= 0) & ~edges.is_line)
-        side, self.triangles = np.divmod(edges.sides[edge], count)
-        # The places, in each triangle, of the tail and the head of its side, and of the vertex beyond.
-        (tail, back), (head, _), (beyond, before) = ((side + step).T % 3 for step in range(3))
-        first, second = self.triangles.T
-        self._places = np.stack([tail, before, head, beyond], axis=1)
-        self.vertices = triangles[self._owners, self._places]
-        turned = triangles[second, back] != triangles[first, head]  # the two face different sides
-        self.triangles, self._places = self.triangles[~turned], self._places[~turned]
-        self.vertices = self.vertices[~turned]
-        self.of_edge = np.full(len(edges.ends), -1)
-        self.of_edge[edge[~turned]] = np.arange(len(self.vertices))
-
-    @property
-    def _owners(self) -> Integers:
-        """(q, 4) the triangle in which each vertex is looked up."""
-        return self.triangles[:, [0, 1, 0, 0]]
-
-    def corners_of(self, corners: Integers, chosen: Integers) -> Integers:
-        """(k, 4) the corners, of those (m, 3) of the triangles, of chosen quads (k,)."""
-        return np.asarray(corners[self._owners[chosen], self._places[chosen]])
-
-    def touch_once(self, chosen: Integers, count: int) -> Booleans:
-        """(k,) which of these quads have no triangle, of `count` ones, that an earlier one of them has."""
-        order = np.arange(len(chosen))
-        owner = np.full(count, len(chosen))
-        for each in self.triangles[chosen].T:
-            np.minimum.at(owner, each, order)
-        return np.asarray((owner[self.triangles[chosen]] == order[:, None]).all(axis=1))
-
-
-def _group(keys: Integers, count: int) -> tuple[Integers, Integers]:
-    """A stable order of keys (k,) below `count`, and where each key begins in it (count + 1,)."""
-    entries = np.arange(len(keys)), keys, np.arange(len(keys) + 1)
-    table = csr_array(entries, shape=(len(keys), count)).tocsc()
-    return table.data, table.indptr.astype(np.int64)
 
 
 def _openings(normals: Floats, triangle: Integers, beyond: Integers) -> Floats:
