@@ -56,15 +56,15 @@ def bones_of_drivers(key: Key, names: Collection[str], armature: Object) -> set[
     """The names of an armature's bones that drivers of some keys read."""
     found = set[str]()
     for _, curve in _drivers(key, names):
-        for kind, end in _ends(curve):
-            if end.id in (armature, armature.data):
-                found |= {bpy.utils.unescape_identifier(name) for name in BONE.findall(end.data_path)}
-                found |= {end.bone_target} if _reads_bone(kind, end) else set()
+        for kind, target in _driver_targets(curve):
+            if target.id in (armature, armature.data):
+                found |= {bpy.utils.unescape_identifier(name) for name in BONE.findall(target.data_path)}
+                found |= {target.bone_target} if _reads_bone(kind, target) else set()
     return found
 
 
 def redirect_drivers(key: Key, partners: Partners, names: Collection[str] | None = None) -> Redirected:
-    """Let drivers of keys read partners; drivers that cannot do so are removed, and their keys are off.
+    """Redirect drivers of keys to partners; remove those whose partners lack data, and turn their keys off.
 
     Args:
         key: the shape keys of an object, with drivers that were copied from another one.
@@ -73,7 +73,7 @@ def redirect_drivers(key: Key, partners: Partners, names: Collection[str] | None
     """
     result = Redirected()
     for name, curve in _drivers(key, key.key_blocks.keys() if names is None else names):
-        lacking = [what for kind, end in _ends(curve) if (what := _redirect(kind, end, partners))]
+        lacking = [what for kind, target in _driver_targets(curve) if (what := _redirect(kind, target, partners))]
         if lacking:
             _add(result.lacking, lacking)
             _add(result.removed, [name])
@@ -82,7 +82,11 @@ def redirect_drivers(key: Key, partners: Partners, names: Collection[str] | None
             key.animation_data.drivers.remove(curve)
             continue
         inside = {key, *partners.blocks.values(), *partners.if_present.values()}
-        read = [end.id for _, end in _ends(curve) if end.id is not None and not isinstance(end.id, Scene)]
+        read = [
+            target.id
+            for _, target in _driver_targets(curve)
+            if target.id is not None and not isinstance(target.id, Scene)
+        ]
         _add(result.outside, [each.name for each in read if each not in inside])
     return result
 
@@ -94,49 +98,54 @@ def _drivers(key: Key, names: Collection[str]) -> Iterator[tuple[str, FCurve]]:
             yield name, curve
 
 
-def _ends(curve: FCurve) -> Iterator[tuple[str, DriverTarget]]:
+def _driver_targets(curve: FCurve) -> Iterator[tuple[str, DriverTarget]]:
     """The targets of the variables of a driver, each with the type of its variable."""
     for variable in curve.driver.variables:
-        for end in variable.targets if variable.type != "CONTEXT_PROP" else ():
-            yield variable.type, end
+        for target in variable.targets if variable.type != "CONTEXT_PROP" else ():
+            yield variable.type, target
 
 
-def _reads_bone(kind: str, end: DriverTarget) -> bool:
-    return kind != "SINGLE_PROP" and bool(end.bone_target) and getattr(end.id, "pose", None) is not None
+def _reads_bone(kind: str, target: DriverTarget) -> bool:
+    return kind != "SINGLE_PROP" and bool(target.bone_target) and getattr(target.id, "pose", None) is not None
 
 
-def _redirect(kind: str, end: DriverTarget, partners: Partners) -> str:
-    """Let a target of a driver's variable read the partner; returns the name of lacking data, or nothing."""
-    read = end.id
+def _redirect(kind: str, target: DriverTarget, partners: Partners) -> str:
+    """Redirect a target of a driver's variable to the partner; returns the name of lacking data, or nothing."""
+    read = target.id
     other = partners.blocks.get(read, partners.if_present.get(read))
     if other is None or other == read:
         return ""
-    path, bone = end.data_path, end.bone_target
+    path, bone = target.data_path, target.bone_target
     lacking = ""
     if partners.bones is not None:
-        path, bone, lacking = _find_names(kind, end, partners.bones)
-    if not lacking and kind == "SINGLE_PROP" and _has(read, end.data_path) and not _has(other, path):
+        path, bone, lacking = _find_names(kind, target, partners.bones)
+    if not lacking and kind == "SINGLE_PROP" and _has(read, target.data_path) and not _has(other, path):
         lacking = path
-    if not lacking and _reads_bone(kind, end) and end.bone_target in read.pose.bones and bone not in other.pose.bones:
+    if (
+        not lacking
+        and _reads_bone(kind, target)
+        and target.bone_target in read.pose.bones
+        and bone not in other.pose.bones
+    ):
         lacking = bone
     if not lacking:
-        end.id = other
-        end.data_path, end.bone_target = path, bone
+        target.id = other
+        target.data_path, target.bone_target = path, bone
     return lacking if read in partners.blocks else ""
 
 
-def _find_names(kind: str, end: DriverTarget, bones: Mapping[str, str]) -> tuple[str, str, str]:
+def _find_names(kind: str, target: DriverTarget, bones: Mapping[str, str]) -> tuple[str, str, str]:
     """The path and the bone of a target with the names of other bones, and one that has none, or nothing."""
-    bone = end.bone_target
-    read = [bpy.utils.unescape_identifier(name) for name in BONE.findall(end.data_path)]
-    read += [bone] if _reads_bone(kind, end) else []
+    bone = target.bone_target
+    read = [bpy.utils.unescape_identifier(name) for name in BONE.findall(target.data_path)]
+    read += [bone] if _reads_bone(kind, target) else []
 
     def with_other_bone(found: re.Match[str]) -> str:
         name = bpy.utils.unescape_identifier(found[1])
         return f'bones["{bpy.utils.escape_identifier(bones.get(name, name))}"]'
 
     lacking = next((name for name in read if name not in bones), "")
-    return BONE.sub(with_other_bone, end.data_path), bones.get(bone, bone), lacking
+    return BONE.sub(with_other_bone, target.data_path), bones.get(bone, bone), lacking
 
 
 def _has(block: ID, path: str) -> bool:
