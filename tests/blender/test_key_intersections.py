@@ -7,30 +7,31 @@ import pytest
 import zoomout_core as zo
 from blender_addon.mesh_data import intersecting_triangles
 from zoomout_core.samples.spheres import ball
+from zoomout_core.transfer.keys import intersections as intersections_of_keys
 from zoomout_core.transfer.keys.intersections import Intersections
 
 RADIUS = 0.2
 UP = np.array([0.0, 0.0, 1.0])
 
 
-def plate():
-    """A square of 20 by 20 cells at height 0."""
-    across = np.linspace(-1, 1, 21)
+def plate(cells=20):
+    """A square of cells by cells at height 0."""
+    across = np.linspace(-1, 1, cells + 1)
     x, y = (each.ravel() for each in np.meshgrid(across, across))
-    corner = (np.arange(20)[:, None] * 21 + np.arange(20)).ravel()
-    squares = np.column_stack([corner, corner + 1, corner + 22, corner + 21])
+    corner = (np.arange(cells)[:, None] * (cells + 1) + np.arange(cells)).ravel()
+    squares = np.column_stack([corner, corner + 1, corner + cells + 2, corner + cells + 1])
     return zo.Surface(np.column_stack([x, y, 0 * x]), np.vstack([squares[:, [0, 1, 2]], squares[:, [0, 2, 3]]]))
 
 
-def plate_and_ball(height=-1.0, sheet=None):
+def plate_and_ball(height=-1.0, sheet=None, count=300):
     """A plate and a ball below it, both not aligned with each other."""
-    sphere = ball(RADIUS, count=300)
+    sphere = ball(RADIUS, count=count)
     return zo.Surface.joined([sheet or plate(), sphere.with_vertices(sphere.vertices + np.array([0.03, 0.02, height]))])
 
 
-def raised(surface, by):
+def raised(surface, by, count=300):
     """The offsets of a key that moves the ball up."""
-    return np.where(np.arange(len(surface.vertices))[:, None] < len(surface.vertices) - 300, 0, by * UP)
+    return np.where(np.arange(len(surface.vertices))[:, None] < len(surface.vertices) - count, 0, by * UP)
 
 
 def find(target, by, source=None, on_source=0.0):
@@ -70,6 +71,42 @@ def test_faces_at_seams_do_not_count_as_intersecting_at_rest():
     apart = zo.Surface(whole.vertices[whole.triangles.ravel()], np.arange(3 * len(whole.triangles)).reshape(-1, 3))
     found = find(plate_and_ball(sheet=apart), 2.0)
     assert found[: len(apart.vertices)].sum() > 10
+
+
+def test_pairs_that_hardly_move_are_left_out():
+    target = plate_and_ball(-0.23, count=40)
+    far = target.vertices[0] - 9
+    with_another = zo.Surface.joined([ball(RADIUS, count=300), target])
+    with_another = with_another.with_vertices(np.vstack([with_another.vertices[:300] + far, target.vertices]))
+    images = np.repeat(np.arange(len(with_another.vertices))[:, None], 3, axis=1)
+    intersections = Intersections(with_another, with_another, images, intersecting_triangles)
+    for largest, count in ((1.9, 1), (2.1, 0)):  # the ball below the plate moves by 0.1
+        offsets = np.vstack([np.repeat(largest * UP[None], 300, axis=0), raised(target, 0.1, 40)])
+        assert intersections.find(0 * offsets, offsets).any() == count
+
+
+def test_the_source_may_be_finer():
+    fine, coarse = plate_and_ball(), plate_and_ball(sheet=plate(5), count=60)
+    nearest = np.linalg.norm(coarse.vertices[:, None] - fine.vertices, axis=2).argmin(axis=1)
+    images = np.repeat(nearest[:, None], 3, axis=1)
+    intersections = Intersections(fine, coarse, images, intersecting_triangles)
+    assert intersections.find(0 * fine.vertices, raised(coarse, 2.0, 60)).any()
+    assert not intersections.find(raised(fine, 2.0), raised(coarse, 2.0, 60)).any()
+
+
+def test_cells_leave_out_no_pair(monkeypatch):
+    random = np.random.default_rng(0)
+    corners = random.random((2000, 1, 3)) + 0.05 * random.standard_normal((2000, 3, 3))
+    soup = zo.Surface(corners.reshape(-1, 3), np.arange(6000).reshape(-1, 3))
+    offsets = np.where(np.arange(6000)[:, None] < 60, 0.3 * UP, 0.0)
+    images = np.repeat(np.arange(6000)[:, None], 3, axis=1)
+
+    def found():
+        return Intersections(soup, soup, images, intersecting_triangles).find(0 * offsets, offsets)
+
+    with_cells = found()
+    monkeypatch.setattr(intersections_of_keys, "CELLS", 1)
+    np.testing.assert_array_equal(with_cells, found())
 
 
 def test_vertices_without_a_valid_map_and_keys_that_move_nothing_are_left_out():
