@@ -18,13 +18,13 @@ help:  ## list the targets
 
 setup:  ## create or update .venv (done by the targets that need it, too)
 	@for python in "$(PYTHON)" python3.13 python3.11 python3 python; do \
-		if "$$python" -c '$(FITS)' >/dev/null 2>&1; then exec "$$python" tools/bootstrap.py $(ROOMS); fi; \
+		if "$$python" -c '$(FITS)' >/dev/null 2>&1; then exec "$$python" tools/bootstrap.py $(EXTRAS); fi; \
 	done; \
 	echo "No Python 3.11 or 3.13 runs here, and bpy (Blender as a Python module) exists for these two only:" \
 		"install one, or name it with 'make setup PYTHON=/path/to/python3.13'." >&2; \
 	exit 1
 
-test-core: ROOMS := core
+test-core: EXTRAS := core
 test-core: setup  ## run the core's tests, which need no Blender: nothing of it is fetched (ARGS for pytest)
 	$(PYTEST) tests/core $(ARGS)
 
@@ -41,15 +41,15 @@ test-blender-versions: setup  ## install the extension into each version of Blen
 mutants: setup  ## see which changes of the code the nearest tests notice: make mutants ARGS="zoomout_core/matching"
 	$(BIN)/python tools/mutants.py $(ARGS)
 
-extension: ROOMS := extension
+extension: EXTRAS := extension
 extension: setup  ## build the Blender extension into dist, for this machine (ARGS: other platforms, or --all)
 	$(BIN)/python tools/extension.py $(ARGS)
 
-docs: ROOMS := docs
+docs: EXTRAS := docs
 docs: setup  ## build the documentation into build/docs/html; warnings are errors
 	$(BIN)/python tools/documentation.py $(ARGS)
 
-release: ROOMS := release
+release: EXTRAS := release
 release: setup  ## build and check the wheel, the source and the zips, in dist (PROJECT_URL: the public address)
 	PROJECT_URL="$(PROJECT_URL)" $(BIN)/python tools/release.py $(ARGS)
 
