@@ -46,7 +46,7 @@ def imports(path: Path) -> Iterator[str]:
             yield from (name.name for name in node.names if name.name.startswith("zoomout_core."))
 
 
-def test_layers_import_those_before_them_only() -> None:
+def test_layers_import_only_earlier_layers() -> None:
     modules = {path: path.relative_to(CORE).with_suffix("").parts[0] for path in CORE.rglob("*.py")}
     assert set(LAYERS) <= set(modules.values())
     wrong = [
@@ -68,7 +68,7 @@ def allowed(layer: str, other: str) -> bool:
     return other == RUNTIME or (other in LAYERS and LAYERS.index(other) < LAYERS.index(layer))
 
 
-def test_the_core_knows_no_host() -> None:
+def test_core_imports_neither_blender_nor_meshlab() -> None:
     packages = ("blender_addon", "meshlab_filter")
     for path in CORE.rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):

@@ -30,7 +30,7 @@ def work(job: Job, report: dict[str, Any]) -> list[str]:
     return [f"Did {job.target.stem}."]
 
 
-def test_a_job_that_fails_leaves_the_others_alone_and_keeps_its_figures() -> None:
+def test_failed_job_keeps_its_figures_and_the_others_run() -> None:
     figures = figures_of("source.glb", run_jobs(JOBS, work), {"detail": "fast"})
     assert figures["options"] == {"detail": "fast"}
     assert {"version", "time", "source"} < figures.keys()
@@ -41,7 +41,7 @@ def test_a_job_that_fails_leaves_the_others_alone_and_keeps_its_figures() -> Non
     assert refused == {"target": "2.ply", "status": "refused", "stem": "2"}
 
 
-def test_a_file_that_is_named_twice_is_one_target(tmp_path: Path) -> None:
+def test_duplicate_target_is_processed_once(tmp_path: Path) -> None:
     for name in ("source.ply", "a.ply", "b.ply"):
         (tmp_path / name).touch()
     named = [str(tmp_path / name) for name in ("a.ply", "b.ply", "a.ply")]
@@ -53,7 +53,7 @@ def test_a_file_that_is_named_twice_is_one_target(tmp_path: Path) -> None:
         meshes_of(tmp_path / "only", (".ply",), tmp_path / "only" / "source.ply")
 
 
-def test_progress_says_which_job_it_is_of() -> None:
+def test_progress_names_the_current_job() -> None:
     told: list[zo.Progress] = []
     with zo.progress(told.append):
         run_jobs(JOBS, work)
@@ -66,7 +66,7 @@ def test_progress_says_which_job_it_is_of() -> None:
     assert {one.stage for one in told} <= {"", "Working"}
 
 
-def test_a_cancelled_batch_does_no_further_job() -> None:
+def test_cancelling_a_batch_skips_the_remaining_jobs() -> None:
     begun = []
 
     def listen(latest: zo.Progress) -> None:
@@ -82,7 +82,7 @@ def test_a_cancelled_batch_does_no_further_job() -> None:
     assert begun == JOBS[:2]
 
 
-def test_the_bar_on_the_terminal_follows(capsys: pytest.CaptureFixture[str]) -> None:
+def test_progress_bar_shows_stage_and_completion(capsys: pytest.CaptureFixture[str]) -> None:
     with progress_bar(), stage("Working"):
         advance(0.25)
     said = capsys.readouterr().err

@@ -33,7 +33,7 @@ def run(*arguments: str | Path) -> Result:
     return CliRunner().invoke(main, [str(argument) for argument in arguments])
 
 
-def test_match_writes_the_whole_map_and_reports(files: Path, resting: Creature, bent: Creature) -> None:
+def test_match_writes_the_map_and_prints_a_report(files: Path, resting: Creature, bent: Creature) -> None:
     outcome = run("match", files / "source.ply", files / "target.ply", "-o", files / "map.npz")
     assert outcome.exit_code == 0, outcome.output
     for fact in (
@@ -55,7 +55,7 @@ def test_match_writes_the_whole_map_and_reports(files: Path, resting: Creature, 
     assert error.mean() < 0.03
 
 
-def test_a_first_look_is_written_while_the_map_is_refined(files: Path, resting: Creature, bent: Creature) -> None:
+def test_first_look_is_written_before_the_map(files: Path, resting: Creature, bent: Creature) -> None:
     meshes, early = (files / "source.ply", files / "target.ply"), files / "first_look.npz"
     outcome = run("match", *meshes, "-o", files / "later.npz", "--first-look", early)
     assert outcome.exit_code == 0, outcome.output
@@ -71,7 +71,7 @@ def test_a_first_look_is_written_while_the_map_is_refined(files: Path, resting: 
     assert "does not end in .npz" in wrong.output
 
 
-def test_nearest_points_are_a_map_without_anything_else(files: Path) -> None:
+def test_initial_nearest_writes_a_proximity_map(files: Path) -> None:
     meshes = files / "source.ply", files / "target.ply"
     asked = "-o", files / "nearest.npz", "--initial", "nearest"
     outcome = run("match", *meshes, *asked, "--most-distance", "0.05", "--most-angle", "45")
@@ -88,7 +88,7 @@ def test_nearest_points_are_a_map_without_anything_else(files: Path) -> None:
     assert "--common-axis has no effect with --initial nearest" in refused.output
 
 
-def test_a_file_without_faces_is_a_cloud(files: Path, resting: Creature) -> None:
+def test_file_without_faces_is_matched_as_a_point_cloud(files: Path, resting: Creature) -> None:
     trimesh.PointCloud(resting.surface.vertices).export(files / "cloud.ply")
     meshes = files / "source.ply", files / "cloud.ply"
     outcome = run("match", *meshes, "-o", files / "cloud.npz", "--initial", "nearest")
@@ -101,7 +101,7 @@ def test_a_file_without_faces_is_a_cloud(files: Path, resting: Creature) -> None
 
 
 @pytest.mark.slow
-def test_landmarks_and_an_earlier_map_are_ways_to_begin(files: Path, resting: Creature, bent: Creature) -> None:
+def test_match_starts_from_landmarks_or_an_earlier_map(files: Path, resting: Creature, bent: Creature) -> None:
     tips = np.array([bent.directions @ axis for axis in ([1, 0.1, 0.35], [-1, 0.1, 0.35])]).argmax(1)
     pairs = np.column_stack([mirrored_vertex(resting, bent)[tips], tips])
     np.savetxt(files / "pairs.txt", pairs, fmt="%d")
@@ -117,7 +117,7 @@ def test_landmarks_and_an_earlier_map_are_ways_to_begin(files: Path, resting: Cr
         assert (distance / np.sqrt(resting.surface.area) < 0.3).all()
 
 
-def test_what_is_known_of_the_map_reaches_the_match(
+def test_evidence_options_are_passed_to_the_match(
     files: Path, resting: Creature, bent: Creature, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     seen: dict[str, Any] = {}
@@ -171,7 +171,7 @@ def test_what_is_known_of_the_map_reaches_the_match(
     ],
 )
 @pytest.mark.filterwarnings("error")
-def test_what_cannot_be_done_is_said_in_one_sentence(files: Path, arguments: tuple[str, ...], sentence: str) -> None:
+def test_match_reports_invalid_input_in_one_sentence(files: Path, arguments: tuple[str, ...], sentence: str) -> None:
     for name, text in {
         "broken": "ply\nthis is no mesh\n",
         "empty": "",
@@ -189,14 +189,14 @@ def test_what_cannot_be_done_is_said_in_one_sentence(files: Path, arguments: tup
     assert not (files / "none.npz").exists()
 
 
-def test_the_demo_without_the_extension_is_a_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_demo_without_the_extension_reports_how_to_get_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(demo_command, "extension_module", lambda _: None)
     outcome = run("demo", "-o", tmp_path / "demo")
     assert (outcome.exit_code, "run `make demo`" in outcome.output) == (1, True)
     assert not (tmp_path / "demo").exists()
 
 
-def test_symmetry_writes_the_map_its_sides_and_lists_what_was_found(files: Path, bent: Creature) -> None:
+def test_symmetry_writes_map_and_sides_and_lists_candidates(files: Path, bent: Creature) -> None:
     outcome = run("symmetry", files / "target.ply", "-o", files / "own.npz", "--left", "-x", "--detail", "fast")
     assert outcome.exit_code == 0, outcome.output
     assert "1. A reflection, with a probability of" in outcome.output
@@ -214,7 +214,7 @@ def test_symmetry_writes_the_map_its_sides_and_lists_what_was_found(files: Path,
         assert not (files / "none.npz").exists()
 
 
-def test_the_number_of_threads_is_an_option_of_every_command(files: Path) -> None:
+def test_threads_option_applies_to_any_command(files: Path) -> None:
     try:
         outcome = run("--threads", 3, "match", files / "source.ply", files / "missing.ply", "-o", files / "none.npz")
         assert outcome.exit_code == 1
@@ -224,7 +224,7 @@ def test_the_number_of_threads_is_an_option_of_every_command(files: Path) -> Non
     assert run("--threads", 0, "match").exit_code == 2
 
 
-def test_every_command_says_how_it_went_as_json(files: Path) -> None:
+def test_commands_report_their_results_as_json(files: Path) -> None:
     source, target = files / "source.ply", files / "target.ply"
     meshes = source, target, "-o", files / "json.npz"
     matched = json.loads(run("match", *meshes, "--initial", "nearest", "--json").stdout)
@@ -259,7 +259,7 @@ def test_every_command_says_how_it_went_as_json(files: Path) -> None:
         (("transfer", "missing.ply", "target.ply", "-o", "none.glb"), 1, "There is no file"),
     ],
 )
-def test_an_error_is_json_too_and_like_mistakes_have_like_codes(
+def test_errors_have_consistent_exit_codes_and_json(
     files: Path, arguments: tuple[str, ...], code: int, sentence: str
 ) -> None:
     named = [files / name if "." in name else name for name in arguments]
@@ -269,7 +269,7 @@ def test_an_error_is_json_too_and_like_mistakes_have_like_codes(
     assert sentence in json.loads(as_json.stdout)["error"]
 
 
-def test_info_says_what_a_file_holds_and_what_is_wrong(files: Path) -> None:
+def test_info_describes_a_file_or_reports_its_error(files: Path) -> None:
     said = run("info", files / "source.ply").output
     assert "loose parts: 1, border edges: 0." in said
     wrong = run("info", files / "broken.ply")

@@ -51,7 +51,7 @@ def code_of(page: Path) -> Iterator[str]:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=NAMES)
-def test_links_and_pictures_lead_somewhere(page: Path) -> None:
+def test_links_and_pictures_resolve(page: Path) -> None:
     for target in re.findall(r"\]\(([^)\s]+)\)", without_code(text_of(page))):
         if re.match(r"[a-z]+:", target):
             continue
@@ -62,7 +62,7 @@ def test_links_and_pictures_lead_somewhere(page: Path) -> None:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=NAMES)
-def test_names_of_the_package_are_there(page: Path) -> None:
+def test_package_names_in_pages_exist(page: Path) -> None:
     used = set(re.findall(r"\bzo\.([a-z_A-Z]\w*)(?:\.([a-z]\w*))?", text_of(page)))
     for name, inner in used:
         if name == "plotting" and find_spec("matplotlib") is None:
@@ -79,14 +79,14 @@ def test_names_of_the_package_are_there(page: Path) -> None:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=NAMES)
-def test_code_is_python(page: Path) -> None:
+def test_python_blocks_parse(page: Path) -> None:
     for code in code_of(page):
         if not code.lstrip("\n").startswith(" "):  # an indented block is a row to insert into a table
             ast.parse(code)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=NAMES)
-def test_commands_have_the_options_that_are_named(page: Path) -> None:
+def test_command_options_in_pages_exist(page: Path) -> None:
     from zoomout_core.cli import main
 
     for line in re.findall(r"(?m)^(?:    |!|`)zoomout ([^`\n#]*)", text_of(page)):
@@ -98,7 +98,7 @@ def test_commands_have_the_options_that_are_named(page: Path) -> None:
         assert {word for word in words if word.startswith("-")} <= known, line
 
 
-def test_all_public_names_stand_in_the_reference() -> None:
+def test_reference_lists_all_public_names() -> None:
     told = set(re.findall(r"\.\. auto\w+:: (\w+)", text_of(DOCS / "api" / "core.md")))
     assert told == set(zo.__all__)
 
@@ -108,13 +108,13 @@ def test_every_picture_is_in_a_page() -> None:
     assert [path.name for path in sorted((DOCS / "images").iterdir()) if path.name not in pages] == []
 
 
-def test_every_page_is_reached() -> None:
+def test_every_page_is_listed_in_the_index() -> None:
     listed = set(re.findall(r"(?m)^([\w/]+\*?)$", text_of(DOCS / "index.md")))
     pages = {page.relative_to(DOCS).with_suffix("").as_posix() for page in DOCS.rglob("*.md")}
     assert {page for page in pages if page not in listed and f"{page}*" not in listed} == {"index", "extension_page"}
 
 
-def test_the_table_of_pyfmaps_is_whole() -> None:
+def test_pyfm_table_covers_all_public_methods() -> None:
     pytest.importorskip("pyFM")
     from pyFM.functional import FunctionalMapping
     from pyFM.mesh.trimesh import TriMesh

@@ -14,7 +14,7 @@ from zoomout_core.samples.spheres import ball
 WHITE, RED, BLUE = np.ones(3), np.array([1.0, 0, 0]), np.array([0, 0, 1.0])
 
 
-def test_the_nearest_triangle_is_in_front_whatever_the_order() -> None:
+def test_nearest_triangle_is_in_front_in_any_draw_order() -> None:
     corners = np.array([[1.0, 1], [19, 1], [1, 9]])
     points = np.vstack([np.column_stack([corners, np.full(3, depth)]) for depth in (5.0, 1.0)])
     colors = np.repeat([RED, BLUE], 3, axis=0)
@@ -42,7 +42,7 @@ def test_a_ball_is_lit_from_the_upper_left_and_is_round() -> None:
     assert beyond[10, 0, 0] > 0
 
 
-def test_a_png_has_the_pixels() -> None:
+def test_encoded_png_contains_the_pixels() -> None:
     image = np.random.default_rng(0).integers(0, 256, (3, 5, 3)).astype(np.uint8)
     content = encode_png(image)
     assert content.startswith(b"\x89PNG\r\n\x1a\n")

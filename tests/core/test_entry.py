@@ -22,9 +22,7 @@ from zoomout_core.cli import SUMMARIES, main
         ("meshlab_filter", "click", "meshlab", []),
     ],
 )
-def test_a_command_without_its_packages_names_the_extra(
-    module: str, missing: str, extra: str, command: list[str]
-) -> None:
+def test_missing_package_error_names_the_extra(module: str, missing: str, extra: str, command: list[str]) -> None:
     without = f"import sys, runpy; sys.modules[{missing!r}] = None; runpy.run_module({module!r}, run_name='__main__')"
     done = subprocess.run(
         [sys.executable, "-c", without, *command, "--help"], capture_output=True, text=True, check=False
@@ -34,12 +32,12 @@ def test_a_command_without_its_packages_names_the_extra(
     assert len(done.stderr.strip().splitlines()) == 1
 
 
-def test_every_command_can_say_for_programs_how_it_went() -> None:
+def test_every_command_has_a_json_option() -> None:
     for name in SUMMARIES:
         assert "--json" in {option for param in command_of(name).params for option in param.opts}, name
 
 
-def test_the_command_is_a_module_as_well() -> None:
+def test_command_runs_as_a_module() -> None:
     done = subprocess.run(
         [sys.executable, "-m", "zoomout_core", "--version"], capture_output=True, text=True, check=True
     )
@@ -48,7 +46,7 @@ def test_the_command_is_a_module_as_well() -> None:
         _ = zo.nothing
 
 
-def test_the_list_of_commands_has_whole_sentences() -> None:
+def test_list_of_commands_shows_full_summaries() -> None:
     listed = CliRunner().invoke(main, ["--help"], terminal_width=80).output.partition("Commands:")[2]
     for name in SUMMARIES:
         assert name in listed
@@ -56,7 +54,7 @@ def test_the_list_of_commands_has_whole_sentences() -> None:
     assert "..." not in listed
 
 
-def test_help_appears_without_numpy() -> None:
+def test_help_does_not_need_numpy() -> None:
     without = "import sys, runpy; sys.modules['numpy'] = None; runpy.run_module('zoomout_core', run_name='__main__')"
     done = subprocess.run([sys.executable, "-c", without, "--help"], capture_output=True, text=True, check=True)
     assert "Commands:" in done.stdout

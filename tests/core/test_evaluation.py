@@ -32,7 +32,7 @@ def identity(surface: Surface) -> zo.SurfaceMap:
     return zo.SurfaceMap.from_vertices(np.arange(len(surface.vertices)), surface)
 
 
-def test_several_maps_are_measured_as_each_alone(small: Creature, other: Creature) -> None:
+def test_errors_of_several_maps_equal_those_of_each(small: Creature, other: Creature) -> None:
     truth = true_vertex(small, other)
     maps = np.column_stack([truth, np.roll(truth, 1), np.zeros_like(truth)])
     known = np.arange(len(truth)), truth
@@ -42,7 +42,7 @@ def test_several_maps_are_measured_as_each_alone(small: Creature, other: Creatur
     assert (together[:, 0] == 0).all()
 
 
-def test_errors_are_lengths_of_paths_along_edges_over_the_root_of_the_area() -> None:
+def test_geodesic_error_is_edge_path_length_over_root_area() -> None:
     # A strip of four squares of side 2, split by diagonals: area 16, root 4.
     along = np.arange(0.0, 10, 2)
     vertices = np.concatenate([[(x, y, 0) for x in along] for y in (0, 2)])
@@ -57,7 +57,7 @@ def test_errors_are_lengths_of_paths_along_edges_over_the_root_of_the_area() -> 
     np.testing.assert_allclose(zo.geodesic_error(images, zo.Surface(9 * vertices, strip.triangles), [3], [9]), error[3])
 
 
-def test_places_that_a_surface_does_not_have_are_refused(small: Creature, other: Creature) -> None:
+def test_invalid_vertex_numbers_are_refused(small: Creature, other: Creature) -> None:
     truth, every = true_vertex(small, other), np.arange(700)
     with pytest.raises(ValueError, match="target_vertex, which comes before source_vertex, must be vertex numbers"):
         zo.geodesic_error(truth, small.surface, every + 1, truth)
@@ -67,7 +67,7 @@ def test_places_that_a_surface_does_not_have_are_refused(small: Creature, other:
         zo.geodesic_error(truth, small.surface, every, truth[1:])
 
 
-def test_a_result_and_the_path_of_a_mesh_are_accepted(small: Creature, other: Creature, tmp_path: Path) -> None:
+def test_geodesic_error_accepts_a_result_and_a_mesh_path(small: Creature, other: Creature, tmp_path: Path) -> None:
     result = zo.match_by_proximity(small.surface, other.surface)
     truth, every = true_vertex(small, other), np.arange(700)
     errors = zo.geodesic_error(result.surface_map, small.surface, every, truth)
@@ -76,14 +76,14 @@ def test_a_result_and_the_path_of_a_mesh_are_accepted(small: Creature, other: Cr
     np.testing.assert_allclose(of_file, errors, atol=1e-6)
 
 
-def test_the_identity_folds_misses_and_stretches_nothing(small: Creature) -> None:
+def test_identity_has_no_flips_gaps_or_distortion(small: Creature) -> None:
     surface = small.surface
     assert flipped_share(identity(surface), surface, surface) < 0.01
     assert coverage(identity(surface), surface) == pytest.approx(1)
     assert edge_distortion(identity(surface), surface, surface) == 0
 
 
-def test_distances_are_kept_by_the_identity_at_any_size_and_not_by_what_scatters(small: Creature) -> None:
+def test_distance_distortion_ignores_scale_and_detects_scatter(small: Creature) -> None:
     surface, vertex = small.surface, np.arange(len(small.surface.vertices))
     larger = Surface(3 * surface.vertices, surface.triangles)
     assert distance_distortion(vertex, vertex, surface, larger) == pytest.approx(0, abs=1e-12)
@@ -93,7 +93,7 @@ def test_distances_are_kept_by_the_identity_at_any_size_and_not_by_what_scatters
 
 
 @pytest.mark.parametrize("inside_out", [False, True])
-def test_a_map_that_reverses_everything_is_turned_over_throughout(small: Creature, inside_out: bool) -> None:
+def test_mirror_image_is_flipped_everywhere(small: Creature, inside_out: bool) -> None:
     surface = small.surface
     # The mirror image; its winding makes no difference.
     triangles = surface.triangles if inside_out else surface.triangles[:, ::-1]
@@ -101,7 +101,7 @@ def test_a_map_that_reverses_everything_is_turned_over_throughout(small: Creatur
     assert flipped_share(identity(mirror), mirror, surface) > 0.99
 
 
-def test_only_the_triangles_that_are_turned_over_count_and_by_their_area(small: Creature) -> None:
+def test_flipped_share_is_the_area_of_flipped_triangles(small: Creature) -> None:
     surface = small.surface
     triangle = np.argmax(triangle_areas(surface.vertices, surface.triangles))
     a, b, _ = surface.triangles[triangle]
@@ -114,7 +114,7 @@ def test_only_the_triangles_that_are_turned_over_count_and_by_their_area(small: 
     assert area[triangle] / area.sum() <= share - before <= area[around].sum() / area.sum()
 
 
-def test_coverage_is_the_area_of_the_faces_that_images_lie_in_or_adjoin(small: Creature) -> None:
+def test_coverage_is_the_area_of_faces_around_images(small: Creature) -> None:
     surface = small.surface
     area = triangle_areas(surface.vertices, surface.triangles)
     at_corner = zo.SurfaceMap.from_vertices(np.full(5, 7), surface)
@@ -124,7 +124,7 @@ def test_coverage_is_the_area_of_the_faces_that_images_lie_in_or_adjoin(small: C
         assert coverage(surface_map, surface) == pytest.approx(area[adjoining].sum() / area.sum())
 
 
-def test_edge_distortion_is_one_where_all_collapses_and_blind_to_units(small: Creature) -> None:
+def test_edge_distortion_is_one_if_collapsed_and_ignores_scale(small: Creature) -> None:
     surface = small.surface
     collapsed = zo.SurfaceMap.from_vertices(np.zeros(len(surface.vertices), dtype=int), surface)
     assert edge_distortion(collapsed, surface, surface) == pytest.approx(1)
@@ -153,7 +153,7 @@ def evaluate(folder: Path, map_file: str, *options: str) -> Result:
     return CliRunner().invoke(main, ["evaluate", *named])
 
 
-def test_evaluate_tells_what_is_known_of_a_map(files: Path) -> None:
+def test_evaluate_prints_the_available_measures(files: Path) -> None:
     alone = evaluate(files, "map.npz")
     assert alone.exit_code == 0, alone.output
     assert [line.split(":")[0] for line in alone.output.splitlines()] == ["Flipped", "Covered", "Edge distortion"]
@@ -176,9 +176,7 @@ def test_evaluate_tells_what_is_known_of_a_map(files: Path) -> None:
         (("map.npz", "--truth", "source.off"), "is not a list of ground-truth pairs (line 1)"),
     ],
 )
-def test_evaluate_says_in_one_sentence_what_does_not_fit(
-    files: Path, arguments: tuple[str, ...], sentence: str
-) -> None:
+def test_evaluate_reports_mismatches_in_one_sentence(files: Path, arguments: tuple[str, ...], sentence: str) -> None:
     outcome = evaluate(files, *arguments)
     assert outcome.exit_code != 0
     assert outcome.output.startswith("Error: ")

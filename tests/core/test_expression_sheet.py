@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A contact sheet shows source and target alike, whatever the target's place, rotation and size."""
+"""A contact sheet shows source and target alike, at any place, rotation and size of the target."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def place(other: Head, rotation: Floats, scale: float = 1.0) -> Head:
 
 
 def blank(text: str, height: int, width: int) -> Bytes:
-    """Shows the length of the text as a line."""
+    """Draw the length of the text as a line."""
     picture = np.full((height, width, 3), 200, np.uint8)
     picture[:, : len(text)] = 0
     return picture
@@ -64,7 +64,7 @@ def difference(one: Bytes, other: Bytes) -> float:
     return float(np.abs(one.astype(float) - other).mean())
 
 
-def test_a_turned_and_scaled_target_is_drawn_as_the_source() -> None:
+def test_rotated_and_scaled_target_is_drawn_like_the_source() -> None:
     source, rotation = head(), Rotation.from_rotvec([0.4, 1.9, -0.8]).as_matrix()
     sheet = draw_sheet(source, place(head(1300, seed=3), rotation, 0.01), {}, blank)
     drawn = tiles(sheet)[: 1 + len(KEYS)]
@@ -76,7 +76,7 @@ def test_a_turned_and_scaled_target_is_drawn_as_the_source() -> None:
     assert [int((label[0, :, 0] == 0).sum()) for label, *_ in moved] == [len(name) for name in KEYS]
 
 
-def test_marked_vertices_are_red_and_missing_keys_said_so() -> None:
+def test_marked_vertices_are_red_and_missing_keys_are_labelled() -> None:
     source, target = head(), head(1300, seed=3)
     lacking = Head(target.vertices, target.triangles, {name: target.keys[name] for name in list(KEYS)[1:]})
     marks = {"browUp": np.linalg.norm(target.keys["browUp"], axis=1) > 0.1}

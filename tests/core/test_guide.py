@@ -10,5 +10,5 @@ from guide import follow
 
 
 @pytest.mark.parametrize("section", ["A kind of attribute", "A hypothesis"])
-def test_what_the_guide_adds_works(section: str, tmp_path: Path) -> None:
+def test_steps_of_the_guide_work(section: str, tmp_path: Path) -> None:
     follow(section, tmp_path)

@@ -16,25 +16,25 @@ def python(script: str) -> str:
     return subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout
 
 
-def test_nothing_heavy_is_imported_before_it_is_used() -> None:
+def test_import_loads_no_heavy_packages() -> None:
     heavy = {"numpy", "scipy", "robust_laplacian", "fast_simplification", "trimesh", "matplotlib"}
     loaded = set(python("import sys, zoomout_core; print(*sys.modules)").split())
     assert not heavy & loaded
 
 
-def test_packages_that_few_maps_need_wait_for_these() -> None:
+def test_rarely_needed_packages_are_loaded_lazily() -> None:
     uses = "zo.match; zo.transfer; zo.transfer_asset; import zoomout_core.transfer.uv.bake"
     loaded = set(python(f"import sys, zoomout_core as zo; {uses}; print(*sys.modules)").split())
     assert "scipy.sparse" in loaded
     assert not {"scipy.optimize", "scipy.ndimage", "scipy.cluster", "matplotlib"} & loaded
 
 
-def test_a_function_keeps_its_name_where_a_room_has_it() -> None:
+def test_subpackage_does_not_hide_the_function_of_its_name() -> None:
     script = "import zoomout_core as zo; import zoomout_core.transfer.uv.chart; print(type(zo.transfer).__name__)"
     assert python(script).strip() == "function"
 
 
-def test_all_names_are_there_and_as_type_checkers_see_them() -> None:
+def test_public_names_are_those_that_type_checkers_see() -> None:
     tree = ast.parse(Path(zo.__file__).read_text(encoding="utf-8"))
     (block,) = (node for node in tree.body if isinstance(node, ast.If) and isinstance(node.test, ast.Name))
     told = {name.name: node.module for node in block.body if isinstance(node, ast.ImportFrom) for name in node.names}

@@ -42,7 +42,7 @@ def read(folder: Path, name: str, text: str) -> LandmarkSet:
 
 
 @pytest.mark.parametrize("ending", FORMATS)
-def test_what_is_written_is_read_again(tmp_path: Path, ending: str) -> None:
+def test_landmarks_survive_a_round_trip(tmp_path: Path, ending: str) -> None:
     made = LandmarkSet(("crown", "brow, left"), POINTS, system="LPS", confidence=np.array([0.9, 0.25]))
     write_landmark_file(made, tmp_path / f"a{ending}")
     again = read_landmark_file(tmp_path / f"a{ending}")
@@ -66,7 +66,7 @@ def test_other_entries_of_slicers_file_are_kept(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("number", "system"), [("0", "RAS"), ("1", "LPS"), ("LPS", "LPS"), ("RAS", "RAS")])
-def test_fcsv_names_its_system_by_a_number_or_a_word(tmp_path: Path, number: str, system: str) -> None:
+def test_fcsv_coordinate_system_is_a_number_or_a_name(tmp_path: Path, number: str, system: str) -> None:
     found = read(tmp_path, "a.fcsv", FCSV.format(system=number))
     assert (found.system, found.names) == (system, ("crown", "brow, left"))
     assert found.points.tolist() == POINTS.tolist()
@@ -83,7 +83,7 @@ def test_fcsv_names_its_system_by_a_number_or_a_word(tmp_path: Path, number: str
         ("7\n12\n", ("", ""), 7),
     ],
 )
-def test_a_csv_has_positions_or_vertices_with_or_without_names(
+def test_csv_has_positions_or_vertices_with_optional_names(
     tmp_path: Path, text: str, names: tuple[str, ...], first: object
 ) -> None:
     found = read(tmp_path, "a.csv", text)
@@ -110,11 +110,11 @@ def test_a_csv_has_positions_or_vertices_with_or_without_names(
         ("a.txt", "1,2,3", "not a file of landmarks"),
     ],
 )
-def test_bad_files_are_refused_in_a_sentence(tmp_path: Path, name: str, text: str, sentence: str) -> None:
+def test_bad_landmark_files_are_refused(tmp_path: Path, name: str, text: str, sentence: str) -> None:
     with pytest.raises(zo.MeshError, match=sentence):
         read(tmp_path, name, text)
 
 
-def test_a_missing_file_is_named(tmp_path: Path) -> None:
+def test_missing_landmark_file_is_reported(tmp_path: Path) -> None:
     with pytest.raises(zo.MeshError, match="There is no file"):
         read_landmark_file(tmp_path / "none.csv")

@@ -68,7 +68,7 @@ def test_landmarks_are_written_with_a_confidence_and_a_verdict(
 
 
 @pytest.mark.slow
-def test_the_format_and_the_coordinate_system_are_those_of_the_landmarks(folder: Path, tmp_path: Path) -> None:
+def test_output_keeps_format_and_coordinate_system(folder: Path, tmp_path: Path) -> None:
     given = folder / "template.ply", folder / "marks.mrk.json"
     code, said = run(*given, folder / "target.ply", folder / "none.ply", "-o", tmp_path / "out", "--json")
     assert code == 3
@@ -85,7 +85,7 @@ def test_the_format_and_the_coordinate_system_are_those_of_the_landmarks(folder:
 
 
 @pytest.mark.slow
-def test_vertices_arrive_as_vertices_and_another_format_may_be_chosen(folder: Path, tmp_path: Path) -> None:
+def test_vertex_landmarks_stay_vertices_unless_a_format_is_given(folder: Path, tmp_path: Path) -> None:
     given = folder / "template.ply", folder / "vertices.csv", folder / "target.ply"
     assert run(*given, "-o", tmp_path / "out.csv")[0] == 0
     vertices = read_landmark_file(tmp_path / "out.csv").vertices
@@ -112,7 +112,7 @@ def test_landmarks_on_a_mirror_image_are_placed_with_a_note(folder: Path, number
 
 
 @pytest.mark.slow
-def test_a_match_that_is_probably_wrong_is_refused(
+def test_probably_wrong_match_is_refused_without_force(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("zoomout_core.matching.result.MatchResult.verdict", judge(0.1))
@@ -126,7 +126,7 @@ def test_a_match_that_is_probably_wrong_is_refused(
     assert said.startswith("Red: ")
 
 
-def test_a_match_that_may_be_wrong_is_no_success(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_uncertain_match_is_reported_as_amber(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("zoomout_core.matching.result.MatchResult.certainty", 0.8)
     code, said = run(folder / "template.ply", folder / "marks.csv", folder / "target.ply", "-o", tmp_path / "out.csv")
     assert code == 0
@@ -143,7 +143,7 @@ def test_a_match_that_may_be_wrong_is_no_success(folder: Path, tmp_path: Path, m
         ("marks.csv", "marks.csv", "marks.csv"),
     ],
 )
-def test_bad_input_is_refused_in_a_sentence(folder: Path, marks: str, output: str, sentence: str) -> None:
+def test_bad_input_is_refused_and_inputs_are_unchanged(folder: Path, marks: str, output: str, sentence: str) -> None:
     (folder / "far.csv").write_text("a,900,0,0\n")
     before = (folder / "marks.csv").read_bytes()
     code, said = run(folder / "template.ply", folder / marks, folder / "target.ply", "-o", folder / output)

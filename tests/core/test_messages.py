@@ -41,7 +41,7 @@ def is_message(value: object) -> bool:
     return isinstance(value, Message)
 
 
-def test_it_is_its_english_text() -> None:
+def test_message_equals_its_english_text() -> None:
     assert LEFT_OUT == "'A' was left out: 25% is missing"
     assert f"{LEFT_OUT}!" == "'A' was left out: 25% is missing!"
     assert hash(LEFT_OUT) == hash("'A' was left out: 25% is missing")
@@ -60,7 +60,7 @@ def test_it_is_its_english_text() -> None:
         lambda text: str(pickle.loads(pickle.dumps(zo.MeshError(text)))),
     ],
 )
-def test_its_parts_survive(passed) -> None:
+def test_template_and_values_survive_copying_and_storage(passed) -> None:
     assert parts(passed(LEFT_OUT)) == parts(LEFT_OUT)
 
 
@@ -80,13 +80,13 @@ def test_warnings_stay_warnings(passed) -> None:  # type: ignore[no-untyped-def]
     assert not is_warning("plain text")
 
 
-def test_printed_warnings_come_first_and_are_marked_and_programs_get_a_list_of_them() -> None:
+def test_warnings_are_printed_first_and_listed_in_figures() -> None:
     note, warns = message("{count} are hidden.", count=2), warning("{count} are torn.", count=3)
     assert note_lines(iter([note, warns, "Plain."])) == ["Warning: 3 are torn.", "2 are hidden.", "Plain."]
     assert note_figures(iter([note, warns])) == {"notes": [note, warns], "warnings": [warns]}
 
 
-def test_values_are_those_that_json_holds() -> None:
+def test_values_are_converted_to_json_types() -> None:
     made = message(
         "{count:,} {share:.1f} {path} {found}", count=np.int64(1200), share=np.float32(0.5), path=Path("a"), found=None
     )
@@ -101,7 +101,7 @@ def test_an_error_with_values_is_a_message() -> None:
     assert parts(str(zo.MeshError("{} is text."))) == ("{{}} is text.", {})
 
 
-def test_what_is_joined_keeps_its_parts() -> None:
+def test_joined_messages_keep_their_parts() -> None:
     both = sentences("First.", LEFT_OUT)
     assert both == "First. 'A' was left out: 25% is missing"
     assert [parts(value) for value in both.values.values()] == [("First.", {}), parts(LEFT_OUT)]
@@ -118,17 +118,17 @@ def test_a_probability_is_never_rounded_to_certainty(value: float, text: str) ->
 
 
 @pytest.mark.parametrize(("count", "text"), [(0, "0 meshes"), (1, "1 mesh"), (2, "2 meshes")])
-def test_counts_take_their_template(count: int, text: str) -> None:
+def test_plural_chooses_the_template_by_count(count: int, text: str) -> None:
     assert plural(count, "1 mesh", "{count} meshes") == text
 
 
-def test_text_of_earlier_versions_stays() -> None:
+def test_text_of_earlier_versions_is_unchanged() -> None:
     old = {"notes": ["Hints used: 3 landmarks."], "vertices": 9, "without_partner": None}
     assert from_json(json.loads(json.dumps(to_json(old)))) == old
     assert as_message("50% of {this}") == "50% of {this}"
 
 
-def test_what_is_nested_is_stored() -> None:
+def test_nested_messages_are_stored() -> None:
     report = {"notes": (LEFT_OUT, "plain"), "skipped": {message("seams"): LEFT_OUT}}
     stored = from_json(json.loads(json.dumps(to_json(report))))
     assert stored == {"notes": [LEFT_OUT, "plain"], "skipped": {"seams": LEFT_OUT}}
@@ -153,6 +153,6 @@ def test_what_is_nested_is_stored() -> None:
         ["{name:d}", {"name": "A"}],
     ],
 )
-def test_what_is_damaged_is_rejected(stored: object) -> None:
+def test_damaged_messages_are_rejected(stored: object) -> None:
     with pytest.raises((ValueError, TypeError, KeyError)):
         from_json({MESSAGE: stored})

@@ -33,16 +33,16 @@ class Found(NamedTuple):
     has_partner: np.ndarray
 
 
-def painted(figure: zo.plotting.Figure, number: int = 0) -> tuple[np.ndarray, np.ndarray]:
+def triangle_colors(figure: zo.plotting.Figure, number: int = 0) -> tuple[np.ndarray, np.ndarray]:
     """Colours (m, 3) and centres (m, 2) of the triangles of a surface in a figure."""
     surface = figure.axes[0].collections[number]
     middles = [path.vertices[:3].mean(axis=0) for path in surface.get_paths()]
     return surface.get_facecolor()[:, :3], np.array(middles)
 
 
-def test_what_corresponds_has_the_same_colour() -> None:
+def test_corresponding_triangles_have_the_same_colour() -> None:
     figure = zo.plotting.plot_map(SHEET, SHEET, TURNED, sides=1)
-    (source, here), (target, there) = painted(figure), painted(figure, 1)
+    (source, here), (target, there) = triangle_colors(figure), triangle_colors(figure, 1)
     assert [text.get_text() for text in figure.axes[0].texts] == ["source", "target"]
     # The map rotates the sheet by 180 degrees: a target triangle has the colour of the opposite source triangle.
     opposite = 2 * there.mean(axis=0) - there - there.mean(axis=0) + here.mean(axis=0)
@@ -51,18 +51,18 @@ def test_what_corresponds_has_the_same_colour() -> None:
     assert np.ptp(target, axis=0).max() > 0.5
 
 
-def test_it_is_seen_from_the_front_unmirrored_and_from_behind() -> None:
+def test_surface_is_shown_from_the_front_and_from_behind() -> None:
     values = np.column_stack([GRID[:, 0] / 3, np.zeros(24), GRID[:, 1] / 5])
     figure = zo.plotting.plot_values(SHEET, values)
-    (front, here), (behind, there) = painted(figure), painted(figure, 1)
+    (front, here), (behind, there) = triangle_colors(figure), triangle_colors(figure, 1)
     assert np.corrcoef(front[:, 0], here[:, 0])[0, 1] > 0.99  # seen from the front, x points right
     assert np.corrcoef(front[:, 2], here[:, 1])[0, 1] > 0.99
     assert np.corrcoef(behind[:, 0], there[:, 0])[0, 1] < -0.99
 
 
-def test_confidence_goes_from_red_to_blue_and_what_has_no_partner_is_violet() -> None:
+def test_confidence_is_red_to_blue_and_violet_without_a_partner() -> None:
     result = Found(TURNED, GRID[:, 0] / 3, GRID[:, 1] < 2.5)
-    colors, middles = painted(zo.plotting.plot_confidence(SHEET, result, sides=1))
+    colors, middles = triangle_colors(zo.plotting.plot_confidence(SHEET, result, sides=1))
     lower, upper = colors[middles[:, 1] < -0.2], colors[middles[:, 1] > 0.2]
     np.testing.assert_allclose(upper, np.tile(LONELY, (len(upper), 1)))
     order = middles[middles[:, 1] < -0.2, 0].argsort()
@@ -70,25 +70,25 @@ def test_confidence_goes_from_red_to_blue_and_what_has_no_partner_is_violet() ->
     assert lower[order[-1], 0] < lower[order[-1], 2]
 
 
-def test_values_have_a_scale_and_what_is_not_finite_is_grey() -> None:
+def test_values_have_a_scale_and_nan_is_grey() -> None:
     values = GRID[:, 1].copy()
     values[GRID[:, 1] < 1.5] = np.nan
     figure = zo.plotting.plot_values(SHEET, values, "metres", limits=(0, 5), sides=1)
-    colors, middles = painted(figure)
+    colors, middles = triangle_colors(figure)
     grey = np.ptp(colors, axis=1) < 1e-9
     np.testing.assert_array_equal(grey, middles[:, 1] < -0.3)
     assert figure.axes[1].get_ylabel() == "metres"
     assert figure.axes[1].get_ylim() == (0, 5)
 
 
-def test_a_functional_map_is_shown_as_a_matrix_around_white() -> None:
+def test_functional_map_colours_are_centred_on_zero() -> None:
     figure = zo.plotting.plot_functional_map(np.diag([1.0, -3.0]))
     image = figure.axes[0].images[0]
     assert image.get_clim() == (-3, 3)
     assert figure.axes[0].get_xlabel() == "eigenfunctions of the source"
 
 
-def test_curves_say_which_share_is_off_by_how_much() -> None:
+def test_error_curves_show_the_share_below_each_threshold() -> None:
     figure = zo.plotting.plot_error_curves({"one": np.array([0.0, 0.1, np.nan, 0.3])}, most=0.2)
     (line,) = figure.axes[0].lines
     thresholds, share = line.get_data()
@@ -98,7 +98,7 @@ def test_curves_say_which_share_is_off_by_how_much() -> None:
     assert thresholds[(share == 50).argmax()] == pytest.approx(0.1)
 
 
-def test_it_draws_into_a_figure_and_notebooks_show_a_new_one() -> None:
+def test_plots_use_a_given_figure_or_create_one_for_notebooks() -> None:
     from matplotlib.figure import Figure
 
     figure = Figure()
@@ -112,7 +112,7 @@ def test_it_draws_into_a_figure_and_notebooks_show_a_new_one() -> None:
     assert new._repr_png_().startswith(b"\x89PNG")
 
 
-def test_a_window_shows_both_beside_each_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_show_map_places_the_meshes_side_by_side(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     polyscope = pytest.importorskip("polyscope")
     monkeypatch.setattr(polyscope, "init", partial(polyscope.init, "openGL_mock"))
@@ -132,13 +132,13 @@ def test_a_window_shows_both_beside_each_other(tmp_path: Path, monkeypatch: pyte
         lambda found: zo.plotting.plot_values(SHEET, found.confidence),
     ],
 )
-def test_what_is_of_another_mesh_is_refused(plot: Callable[[Found], object]) -> None:
+def test_result_of_another_mesh_is_refused(plot: Callable[[Found], object]) -> None:
     short = Found(zo.SurfaceMap(TURNED.triangle[:9], TURNED.barycentric[:9], SHEET.triangles), np.ones(9), np.ones(9))
     with pytest.raises(ValueError, match=r"There are 9 .* for 24 vertices"):
         plot(short)
 
 
-def test_without_matplotlib_the_extra_is_named() -> None:
+def test_missing_matplotlib_error_names_the_extra() -> None:
     script = "import sys; sys.modules['matplotlib'] = None; import zoomout_core as zo; zo.plotting"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
     assert (

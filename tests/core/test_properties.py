@@ -148,12 +148,12 @@ def values_of(kind: zo.Kind, count: int, random: np.random.Generator) -> Any:
     }[kind]
 
 
-def told(values: Any) -> np.ndarray:
+def dense(values: Any) -> np.ndarray:
     return values.toarray() if hasattr(values, "toarray") else np.asarray(values)
 
 
 # Transfer assumes charts that are continuous, smooth offsets, edge marks that form lines, and smooth edge values.
-# # Random values violate these assumptions.
+# Random values violate these assumptions.
 SMOOTH = {(zo.Kind.MARK, zo.Domain.EDGE)} | {
     (kind, zo.Domain.EDGE) for kind in (zo.Kind.SCALAR, zo.Kind.VECTOR, zo.Kind.COLOR)
 }
@@ -168,12 +168,12 @@ PAIRS = [
 @pytest.mark.parametrize(("kind", "domain"), PAIRS, ids=lambda each: each.name.lower())
 @settings(few, max_examples=4)
 @given(seed=seeds)
-def test_the_identity_gives_back_what_there_was(kind: zo.Kind, domain: zo.Domain, seed: int) -> None:
+def test_identity_map_preserves_attributes(kind: zo.Kind, domain: zo.Domain, seed: int) -> None:
     values = values_of(kind, COUNTS[domain](small()), np.random.default_rng(seed))
     attribute = zo.Attribute("any", domain, kind, values)
     found = zo.transfer(attribute, identity(), small(), small())
     assert (found.domain, found.kind) == (domain, kind)
-    before, after = told(values), told(found.values)
+    before, after = dense(values), dense(found.values)
     assert after.dtype == before.dtype
     if kind is zo.Kind.QUATERNION:
         after = after * np.sign(np.einsum("nx,nx->n", after, before))[:, None]  # both signs are the same rotation
@@ -185,7 +185,7 @@ def test_the_identity_gives_back_what_there_was(kind: zo.Kind, domain: zo.Domain
 
 @settings(few, max_examples=4)
 @given(seeds)
-def test_the_identity_gives_back_what_lies_smoothly(seed: int) -> None:
+def test_identity_map_preserves_smooth_attributes(seed: int) -> None:
     """Texture coordinates of a chart, shape keys, and values on edges."""
     random, surface = np.random.default_rng(seed), small()
     linear, at = random.standard_normal((3, 3)), surface.vertices
@@ -203,7 +203,7 @@ def test_the_identity_gives_back_what_lies_smoothly(seed: int) -> None:
 
 @settings(few, max_examples=4)
 @given(seeds, st.floats(1e-3, 1e3))
-def test_a_map_to_the_nearest_points_does_not_depend_on_frame_unit_order_or_winding(seed: int, size: float) -> None:
+def test_proximity_match_ignores_frame_unit_order_and_winding(seed: int, size: float) -> None:
     random, source, target = np.random.default_rng(seed), small(), creature(150, 1, asymmetry=0.3).surface
     turn, shift = Rotation.random(random_state=seed).as_matrix(), random.standard_normal(3)
     order = random.permutation(len(target.vertices))
@@ -222,7 +222,7 @@ def test_a_map_to_the_nearest_points_does_not_depend_on_frame_unit_order_or_wind
 
 @settings(few, max_examples=4)
 @given(seeds, st.floats(1e-3, 1e3))
-def test_functions_of_a_surface_do_not_depend_on_how_quads_are_cut(seed: int, size: float) -> None:
+def test_surface_functions_do_not_depend_on_quad_diagonals(seed: int, size: float) -> None:
     """Areas, normals and interpolated values of planar quads."""
     random = np.random.default_rng(seed)
     grid = size * np.stack(np.meshgrid(np.arange(4.0), np.arange(5.0), [0.0], indexing="ij"), axis=-1).reshape(-1, 3)
@@ -253,7 +253,7 @@ def test_fields_on_edges_keep_constants_and_bounds(seed: int) -> None:
 
 @few
 @given(seeds, st.integers(1, 4))
-def test_weights_stay_weights(seed: int, limit: int) -> None:
+def test_transferred_weights_are_normalised_and_limited(seed: int, limit: int) -> None:
     random, source = np.random.default_rng(seed), small()
     attribute = zo.Attribute("w", zo.Domain.POINT, zo.Kind.WEIGHT, values_of(zo.Kind.WEIGHT, VERTICES, random))
     found = zo.transfer(attribute, random_map(random, VERTICES, source), source, source, limit=limit).values
@@ -264,7 +264,7 @@ def test_weights_stay_weights(seed: int, limit: int) -> None:
 
 @few
 @given(seeds)
-def test_labels_and_booleans_invent_nothing(seed: int) -> None:
+def test_transfer_creates_no_new_labels(seed: int) -> None:
     random, source = np.random.default_rng(seed), small()
     surface_map = random_map(random, VERTICES, source)
     labels = random.choice(random.integers(-1000, 1000, 3), VERTICES)
@@ -276,7 +276,7 @@ def test_labels_and_booleans_invent_nothing(seed: int) -> None:
 
 
 @pytest.mark.slow
-def test_a_match_may_be_cancelled_at_any_progress_and_the_next_is_as_ever() -> None:
+def test_cancelled_match_does_not_affect_the_next_one() -> None:
     source, target = creature(220).surface, creature(200, seed=1, bend=0.2).surface
     options: dict[str, Any] = {"initial": "proximity", "k_final": 20, "samples": 100}
     zo.forget_shapes()

@@ -42,7 +42,7 @@ def run(*arguments: object) -> tuple[int, str]:
     return result.exit_code, result.stdout + (result.stderr if result.exit_code else "")
 
 
-def test_colours_and_materials_arrive(files: tuple[Path, Path], tmp_path: Path) -> None:
+def test_colours_and_materials_are_transferred(files: tuple[Path, Path], tmp_path: Path) -> None:
     code, said = run(*files, "-o", tmp_path / "out.glb", "--json")
     assert code == 0, said
     (report,) = json.loads(said)["targets"]
@@ -59,9 +59,7 @@ def test_colours_and_materials_arrive(files: tuple[Path, Path], tmp_path: Path) 
     assert [material.name for material in again.materials] == ["low", "high"]
 
 
-def test_a_folder_of_targets_is_written_and_one_that_fails_leaves_the_others_alone(
-    files: tuple[Path, Path], tmp_path: Path
-) -> None:
+def test_failed_target_does_not_stop_the_others_of_a_folder(files: tuple[Path, Path], tmp_path: Path) -> None:
     targets = tmp_path / "targets"
     targets.mkdir()
     (targets / "good.ply").write_bytes(files[1].read_bytes())
@@ -85,7 +83,7 @@ def test_a_folder_of_targets_is_written_and_one_that_fails_leaves_the_others_alo
         (("-o", "{folder}/out.glb", "--kinds", "weights"), 1, "The source has no weights"),
     ],
 )
-def test_what_cannot_be_done_is_said_in_a_sentence(
+def test_invalid_options_are_reported_and_nothing_is_written(
     files: tuple[Path, Path], tmp_path: Path, arguments: tuple[str, ...], code: int, sentence: str
 ) -> None:
     before = files[1].read_bytes()
@@ -97,7 +95,7 @@ def test_what_cannot_be_done_is_said_in_a_sentence(
     assert not list(tmp_path.iterdir())
 
 
-def test_a_match_that_is_probably_wrong_is_written_only_by_force(
+def test_probably_wrong_match_is_written_only_with_force(
     files: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(zo.MatchResult, "verdict", judge(0.1))
@@ -119,7 +117,7 @@ def test_a_match_that_is_probably_wrong_is_written_only_by_force(
     assert (tmp_path / "out.glb").exists()
 
 
-def test_parts_are_listed_by_their_objects_and_materials(tmp_path: Path) -> None:
+def test_report_lists_parts_by_object_and_material(tmp_path: Path) -> None:
     made = creature(400)
     top = made.surface.vertices[np.argmax(made.surface.vertices[:, 2])]
     lump = zo.Surface(made.surface.vertices * 0.3 + top, made.surface.triangles)
@@ -154,7 +152,7 @@ def test_parts_are_listed_by_their_objects_and_materials(tmp_path: Path) -> None
     assert min(arrived[:2]) > 0.2
 
 
-def test_a_source_of_blender_is_sent_to_what_carries_its_data(files: tuple[Path, Path], tmp_path: Path) -> None:
+def test_blend_source_is_referred_to_the_collection_command(files: tuple[Path, Path], tmp_path: Path) -> None:
     code, said = run(tmp_path / "hero.blend", files[1], "-o", tmp_path / "out.glb")
     assert code == 1
     assert "use `zoomout collection`" in said
@@ -196,7 +194,7 @@ def test_morph_targets_are_renamed_and_missing_ones_listed(expressive: Path, tmp
     assert "Missing of the 52 keys of ARKit: eyeBlinkRight, " in said
 
 
-def test_without_morph_targets_key_names_have_nothing_to_rename(
+def test_key_names_without_morph_targets_are_refused(
     files: tuple[Path, Path], expressive: Path, tmp_path: Path
 ) -> None:
     for source, more in ((files[0], ()), (expressive, ("--kinds", "shape-keys,color", "--force"))):
@@ -206,7 +204,7 @@ def test_without_morph_targets_key_names_have_nothing_to_rename(
     assert code == 1
 
 
-def test_a_rig_moves_into_the_target(files: tuple[Path, Path], tmp_path: Path) -> None:
+def test_rig_is_moved_into_the_target(files: tuple[Path, Path], tmp_path: Path) -> None:
     source = write_samples(tmp_path)[0]
     taller = creature(700, seed=3)
     seen = taller.surface.with_vertices(taller.surface.vertices * [2.0, 2.0, 3.0])

@@ -39,7 +39,7 @@ def test_numbers_out_of_their_range_are_refused() -> None:
         Toy(width=float("nan"))
 
 
-def test_numbers_are_others_within_a_context_alone() -> None:
+def test_retune_changes_numbers_only_within_its_context() -> None:
     toy = Toy()
     with retune(toy, width=0.5):
         assert toy.width == 0.5
@@ -51,7 +51,7 @@ def test_numbers_are_others_within_a_context_alone() -> None:
         toy.width = 0.5  # type: ignore[misc]
 
 
-def test_every_stage_says_what_each_number_is_and_which_benchmark_set_it() -> None:
+def test_every_tuned_number_names_its_meaning_and_benchmark() -> None:
     tree = ast.parse((ROOT / "benchmarks" / "__main__.py").read_text(encoding="utf-8"))
     commands = {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}
     assert stages()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Texts, docstrings and comments are plain English, without the habits of a translation."""
+"""Texts, docstrings, comments and names of tests are plain English, without the habits of a translation."""
 
 from __future__ import annotations
 
@@ -52,6 +52,9 @@ CODE_HABITS = tuple(
     )
 )
 HASH = re.compile("#.*")
+TEST_NAME = re.compile(r"^ *(?:async )?def test_(\w+)", re.MULTILINE)
+# Files whose names of tests are checked.
+TESTS = ("tests/core/*.py", "tests/core/matching/**/*.py", "tests/core/symmetry/**/*.py")
 
 
 def _docstrings(tree: ast.Module) -> set[ast.AST]:
@@ -91,6 +94,16 @@ def _stiff(source: str) -> list[tuple[int, str]]:
     return [(line, text) for line, text in _texts(source) if any(habit.search(text) for habit in HABITS)]
 
 
+def _stiff_names(source: str) -> list[str]:
+    """Names of tests that have a habit when read as sentences."""
+    sentences = {name: name.replace("_", " ").capitalize() for name in TEST_NAME.findall(source)}
+    return [
+        f"test_{name}"
+        for name, sentence in sentences.items()
+        if any(habit.search(sentence) for habit in (*HABITS, *CODE_HABITS))
+    ]
+
+
 @pytest.mark.parametrize("package", PACKAGES)
 def test_texts_for_users_have_no_habits_of_a_translation(package: str) -> None:
     paths = [path for path in sorted((ROOT / package).rglob("*.py")) if path.parent.name != "translations"]
@@ -108,6 +121,14 @@ def test_docstrings_and_comments_have_no_habits_of_a_translation(package: str) -
         for line, text in _comments(path.read_text("utf-8"))
         if any(habit.search(text) for habit in CODE_HABITS)
     }
+    assert found == {}
+
+
+@pytest.mark.parametrize("pattern", TESTS)
+def test_names_of_tests_have_no_habits_of_a_translation(pattern: str) -> None:
+    paths = sorted(ROOT.glob(pattern))
+    assert paths
+    found = {str(path.relative_to(ROOT)): names for path in paths if (names := _stiff_names(path.read_text("utf-8")))}
     assert found == {}
 
 
@@ -131,3 +152,26 @@ def test_a_stiff_comment_is_found(code: str) -> None:
 def test_a_stiff_text_is_found(text: str) -> None:
     source = "\n".join(('"""What is said in a docstring."""', f"note = {text}"))
     assert _stiff(source) == list(_texts(source)) != []
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "test_what_no_face_uses_stays",
+        "test_of_two_maps_the_nearer_one_is_taken",
+        "test_no_scheduler_is_said",
+        "test_each_shell_finds_its_like",
+        "test_a_file_is_read_once_more",
+        "test_its_maps_are_surer",
+    ],
+)
+def test_a_stiff_name_is_found(name: str) -> None:
+    assert _stiff_names(f"def {name}() -> None: ...") == [name]
+    assert _stiff_names(f"class TestShapes:\n    async def {name}(self) -> None: ...") == [name]
+
+
+@pytest.mark.parametrize(
+    "name", ["test_missing_scheduler_is_reported", "test_fit_is_that_of_the_whole", "what_is_left"]
+)
+def test_plain_names_and_other_functions_are_accepted(name: str) -> None:
+    assert _stiff_names(f"def {name}() -> None: ...") == []

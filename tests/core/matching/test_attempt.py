@@ -43,7 +43,7 @@ def is_taken_for_the_same(moved: np.ndarray, scale: float = 1.0) -> bool:
 
 
 @pytest.mark.parametrize("scale", [1.0, 1000.0])
-def test_two_maps_are_one_where_most_places_go_to_nearly_the_same_place(scale: float) -> None:
+def test_maps_are_the_same_if_most_places_nearly_agree(scale: float) -> None:
     assert is_taken_for_the_same(np.full(100, 0.1), scale)
     assert not is_taken_for_the_same(np.full(100, 0.25), scale)
     few, many = np.zeros(100), np.zeros(100)
@@ -53,7 +53,7 @@ def test_two_maps_are_one_where_most_places_go_to_nearly_the_same_place(scale: f
 
 
 @pytest.mark.parametrize(("off", "expected"), [(0, 0.9), (15, 0.6), (40, 0.9)])
-def test_an_attempt_that_agrees_with_a_rival_as_well_does_not_decide_against_it(off: int, expected: float) -> None:
+def test_certainty_is_shared_with_a_rival_that_agrees_as_well(off: int, expected: float) -> None:
     # The rival differs in some places: if in few, it counts as the same map as the one of the other attempt.
     here = np.zeros(100)
     wide, narrow = body(0.4, 1.0, here), body(0.9, 0.5, here)
@@ -65,18 +65,18 @@ def test_an_attempt_that_agrees_with_a_rival_as_well_does_not_decide_against_it(
     assert chosen.candidates[0].certainty == pytest.approx(expected)
 
 
-def test_a_map_is_worth_what_it_is_sure_of_times_what_it_tells_of() -> None:
+def test_attempts_are_compared_by_certainty_times_coverage() -> None:
     far = np.ones(100)
     assert best_of([body(0.6, 1.0, 0 * far), body(0.9, 0.5, far)]).coverage == 1.0
     assert best_of([body(0.3, 1.0, 0 * far), body(0.9, 0.5, far)]).coverage == 0.5
 
 
-def test_the_first_map_of_an_attempt_speaks_for_it() -> None:
+def test_attempt_is_judged_by_its_first_candidate() -> None:
     wide, narrow = body(0.9, 1.0, np.zeros(100)), body(0.4, 0.5, np.zeros(100))
     assert best_of([wide, narrow]).candidates[0].certainty == 0.9
 
 
-def test_a_later_attempt_that_tells_of_as_much_has_to_be_clearly_surer() -> None:
+def test_later_attempt_of_equal_coverage_must_be_clearly_better() -> None:
     here = np.zeros(100)
     loose, tight, hardly_surer = (body(certainty, 1.0, here) for certainty in (0.3, 0.6, 0.36))
     assert best_of([loose, tight]).pair is tight.pair

@@ -44,7 +44,7 @@ def test_an_open_cloud_without_normals_has_no_outer_side() -> None:
 
 
 @pytest.mark.parametrize(("strays", "said"), [(0, False), (5, False), (60, True)])
-def test_points_off_the_surface_are_counted(strays: int, said: bool) -> None:
+def test_many_points_off_the_surface_are_reported(strays: int, said: bool) -> None:
     ball = directions(600, seed=1)
     far = np.linspace(4, 20, strays)[:, None] * [1.0, 0.5, 0.2]  # points on a line, which no surface passes
     cloud = zo.PointCloud(np.concatenate([ball, far]))

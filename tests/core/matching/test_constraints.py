@@ -25,7 +25,7 @@ def best_and_others(result: zo.MatchResult, score: str) -> tuple[float, list[flo
     return values[0], values[1:]
 
 
-def test_a_common_up_axis_and_regions_speak_for_the_right_map(pair) -> None:
+def test_common_axis_and_regions_favour_the_right_map(pair) -> None:
     source, target = pair
     legs = [np.flatnonzero(side.directions[:, 2] < -0.7) for side in pair]
     tails = [np.flatnonzero(side.directions[:, 1] > 0.8) for side in pair]
@@ -48,7 +48,7 @@ def test_an_earlier_map_is_a_hypothesis_and_evidence(pair) -> None:
     assert zo.match(source.surface, target.surface, initial_map=wrong).candidates[0].scores["earlier map"] > 0.2
 
 
-def test_landmarks_that_are_to_be_exact_are_hit(pair) -> None:
+def test_exact_landmarks_are_hit(pair) -> None:
     source, target = pair
     truth = true_vertex(source, target)
     target_ids = np.array([10, 300, 600, 900])
@@ -81,12 +81,12 @@ def test_landmarks_that_are_to_be_exact_are_hit(pair) -> None:
         ({"proxy_vertices": "few"}, "proxy_vertices is 'few'"),
     ],
 )
-def test_senseless_arguments_are_refused_in_a_sentence(pair, arguments, message) -> None:
+def test_invalid_arguments_are_refused(pair, arguments, message) -> None:
     with pytest.raises(ValueError, match=message):
         zo.match(pair[0].surface, pair[1].surface, **arguments)
 
 
-def test_a_whole_map_is_bent_to_points_and_turns_nothing_over() -> None:
+def test_bending_a_map_to_points_flips_no_triangles() -> None:
     faces = triangles_of(grid_faces(30, 30))
     sheet = zo.Surface(grid(np.linspace(0, 1, 31), np.linspace(0, 1, 31)).vertices, faces)
     larger = zo.Surface(3 * sheet.vertices, faces)  # the target may be in another unit
@@ -108,7 +108,7 @@ def test_a_whole_map_is_bent_to_points_and_turns_nothing_over() -> None:
     np.testing.assert_allclose(landmark_errors(twice, sheet, larger, goal, place), 0, atol=1e-6)
 
 
-def test_a_bend_goes_on_beyond_a_seam_and_keeps_it_closed() -> None:
+def test_bending_continues_across_a_seam_and_keeps_it_closed() -> None:
     side = np.linspace(0, 1, 31)
     faces = triangles_of(grid_faces(30, 30))
     sheet = zo.Surface(grid(side, side).vertices, faces)
@@ -127,7 +127,7 @@ def test_a_bend_goes_on_beyond_a_seam_and_keeps_it_closed() -> None:
         assert images[near, 1] > 0.51
 
 
-def test_points_of_the_source_come_from_where_their_images_are() -> None:
+def test_preimages_of_the_identity_are_the_points_themselves() -> None:
     made = creature(400)
     straight = zo.SurfaceMap.from_vertices(np.arange(400), made.surface)
     points = made.surface.vertices[made.surface.triangles[:20]].mean(axis=1)

@@ -50,24 +50,24 @@ def result(watched: tuple[zo.MatchResult, list[Progress]]) -> zo.MatchResult:
     return watched[0]
 
 
-def rises(seen: list[Progress]) -> bool:
+def is_rising(seen: list[Progress]) -> bool:
     fractions = [0.0, *(each.fraction for each in seen), 1.0]
     return fractions == sorted(fractions) and max(np.diff(fractions)) < 0.5
 
 
 def test_progress_rises_through_all_stages(watched: tuple[zo.MatchResult, list[Progress]]) -> None:
     result, seen = watched
-    assert rises(seen)
+    assert is_rising(seen)
     assert {"Guessing", "Comparing candidates", "Refining", "Extending to all vertices"} <= {s.stage for s in seen}
     begun = {stage: next(each.fraction for each in seen if each.stage == stage) for stage in {s.stage for s in seen}}
     assert begun["Finding the bodies"] < 0.05
     assert begun["Refining"] > 0.4
     _, again = reports_of(lambda: result.use(0))
-    assert rises(again)
+    assert is_rising(again)
     assert again[0].fraction < 0.1
 
 
-def test_a_match_is_the_same_to_the_bit_in_a_unit_of_a_power_of_two(result: zo.MatchResult) -> None:
+def test_scaling_by_a_power_of_two_gives_an_identical_match(result: zo.MatchResult) -> None:
     scaled = [Surface(made.surface.vertices / 1024, made.surface.triangles) for made in (SOURCE, TARGET)]
     found = zo.match(*scaled, initial="proximity", k_final=30)
     for name in ("triangle", "barycentric"):
@@ -75,7 +75,7 @@ def test_a_match_is_the_same_to_the_bit_in_a_unit_of_a_power_of_two(result: zo.M
     np.testing.assert_array_equal(found.confidence, result.confidence)
 
 
-def test_what_is_asked_of_a_shape_ahead_is_asked_in_order_once_it_is_there(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_functions_given_ahead_run_in_order_after_the_analysis(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[Any] = []
 
     def analysed(*_: object) -> Any:
@@ -119,7 +119,7 @@ def test_progress_of_bending_follows_that_of_refining(result: zo.MatchResult, mo
 # --- options ------------------------------------------------------------------------------------------------
 
 
-def test_options_may_be_given_as_one_and_by_their_names() -> None:
+def test_options_may_be_an_object_and_keywords() -> None:
     found = zo.match(SOURCE.surface, TARGET.surface, MatchOptions(initial="proximity"), k_final=12)
     assert found.pair.k_final == 12
     assert [candidate.origin for candidate in found.candidates] == ["nearest points in space"]
@@ -143,13 +143,11 @@ def notes_of(result: zo.MatchResult, certainty: float) -> tuple[str, ...]:
         (0.04, "No reliable match was found (a probability of 4%)"),
     ],
 )
-def test_an_unsure_map_is_said_to_be_and_a_lost_one_what_to_do(
-    result: zo.MatchResult, certainty: float, words: str
-) -> None:
+def test_notes_report_uncertain_and_hopeless_maps(result: zo.MatchResult, certainty: float, words: str) -> None:
     assert words in notes_of(result, certainty)[0]
 
 
-def test_of_a_sure_map_nothing_is_said_of_its_probability(result: zo.MatchResult) -> None:
+def test_notes_omit_the_probability_of_a_certain_map(result: zo.MatchResult) -> None:
     assert "probability" not in " ".join(notes_of(result, 0.97))
 
 
@@ -162,7 +160,7 @@ def test_of_a_sure_map_nothing_is_said_of_its_probability(result: zo.MatchResult
         (0.03, 0.02, 0.1, ("of the source has no partner on the target",)),
     ],
 )
-def test_what_is_turned_over_or_without_a_partner_is_said_where_it_is_much(
+def test_notes_report_large_flipped_or_unpaired_areas(
     result: zo.MatchResult, monkeypatch, over: float, of_target: float, of_source: float, words: tuple[str, ...]
 ) -> None:
     def lonely(shape: ShapeAnalysis, share: float) -> np.ndarray:
@@ -177,33 +175,33 @@ def test_what_is_turned_over_or_without_a_partner_is_said_where_it_is_much(
     assert all(some in note for some, note in zip(words, notes, strict=True))
 
 
-def test_a_map_of_half_of_the_target_is_half_as_sure(result: zo.MatchResult, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_map_of_half_the_target_has_half_the_certainty(result: zo.MatchResult, monkeypatch: pytest.MonkeyPatch) -> None:
     lift = result_module.lift
     monkeypatch.setattr(result_module, "lift", lambda *args: lift(*args)._replace(placed=0.5))
     assert "correct with a probability of only 45%" in notes_of(result, 0.9)[0]
 
 
 @pytest.mark.parametrize("given", [None, 700])
-def test_a_stand_in_has_as_many_vertices_as_asked_for(given: int | None) -> None:
+def test_proxy_has_the_requested_number_of_vertices(given: int | None) -> None:
     assert proxy_size(len(SOURCE.surface.vertices), given) == given
 
 
-def test_a_larger_mesh_has_a_larger_stand_in_within_limits() -> None:
+def test_larger_mesh_has_a_larger_proxy_within_limits() -> None:
     sizes = [proxy_size(count, "auto") for count in (10, 1000, 40_000, 10**6, 10**7)]
     assert sizes[0] == sizes[1] < sizes[2] < sizes[3] == sizes[4]
 
 
-def test_certainty_falls_with_what_has_no_place_on_the_source(result: zo.MatchResult) -> None:
+def test_certainty_falls_with_the_unplaced_area(result: zo.MatchResult) -> None:
     assert replace(result, placed=0.5).certainty == pytest.approx(0.5 * result.candidates[0].certainty)
 
 
-def test_candidates_that_are_not_there_are_refused(result: zo.MatchResult) -> None:
+def test_missing_candidates_are_refused(result: zo.MatchResult) -> None:
     for number in (-1, len(result.candidates)):
         with pytest.raises(ValueError, match=f"no candidate {number}: they are numbered 0 to 0"):
             result.use(number)
 
 
-def test_an_outline_leads_where_the_candidate_does(result: zo.MatchResult) -> None:
+def test_outline_agrees_with_its_candidate(result: zo.MatchResult) -> None:
     vertices, images = result.outline(0)
     off = np.linalg.norm(SOURCE.surface.vertices[images] - TARGET.surface.vertices[vertices], axis=1)
     assert np.median(off) < 0.1 * np.sqrt(SOURCE.surface.area)
@@ -228,7 +226,7 @@ def origins(found: list[Hypothesis]) -> list[str]:
     return [each.origin for each in found]
 
 
-def test_what_is_known_is_tried_before_guesses(result: zo.MatchResult, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_evidence_is_tried_before_generated_hypotheses(result: zo.MatchResult, monkeypatch: pytest.MonkeyPatch) -> None:
     pair = result.pair
     earlier = Hypothesis("a given map", np.eye(5))
     known = replace(NOTHING, in_space=pair.source_shape.proxy.vertices)
@@ -240,9 +238,7 @@ def test_what_is_known_is_tried_before_guesses(result: zo.MatchResult, monkeypat
     assert all(each.anchors is None for each in found)
 
 
-def test_landmarks_and_regions_hold_every_guess_to_the_end(
-    result: zo.MatchResult, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_landmarks_and_regions_anchor_every_hypothesis(result: zo.MatchResult, monkeypatch: pytest.MonkeyPatch) -> None:
     tips = np.array([3, 50, 120])
     legs = [np.flatnonzero(side.directions[:, 2] < -0.7) for side in (SOURCE, TARGET)]
     by_landmarks = replace(NOTHING, landmarks=(TRUTH[tips], tips))
@@ -275,7 +271,7 @@ def test_all_signs_are_tried_where_a_shape_has_no_extremities(balls, result, mon
     assert sum("signs" in origin for origin in origins(hypotheses(pair, monkeypatch))) > 20
 
 
-def test_where_two_surfaces_lie_is_known_of_those_that_lie_over_each_other(result: zo.MatchResult) -> None:
+def test_overlapping_surfaces_give_evidence_in_space(result: zo.MatchResult) -> None:
     pair = result.pair
     places = collect.gather_evidence(pair, NOTHING, None).in_space
     assert places is not None
@@ -285,7 +281,7 @@ def test_where_two_surfaces_lie_is_known_of_those_that_lie_over_each_other(resul
     assert collect.gather_evidence(itself, NOTHING, None).in_space is None  # trivial for the surface itself
 
 
-def test_an_earlier_map_is_known_by_the_images_of_the_samples(result: zo.MatchResult) -> None:
+def test_earlier_map_is_kept_as_images_of_the_samples(result: zo.MatchResult) -> None:
     pair = result.pair
     assert collect.gather_evidence(pair, NOTHING, None).earlier is None
     samples = pair.target_shape.search.samples
@@ -298,7 +294,7 @@ def test_an_earlier_map_is_known_by_the_images_of_the_samples(result: zo.MatchRe
 # --- choice of bodies ---------------------------------------------------------------------------------------
 
 
-def tried(
+def try_bodies(
     result: zo.MatchResult, monkeypatch: pytest.MonkeyPatch, *certainties: float | None, skins: bool = False
 ) -> tuple[int, float]:
     """Number of bodies tried of three, and certainty of the chosen one; None marks a body without a landmark."""
@@ -335,31 +331,31 @@ def tried(
     ):
         monkeypatch.setattr(pipeline, name, fake)
     certainty, seen = reports_of(lambda: pipeline.match(SOURCE.surface, TARGET.surface))
-    assert rises(seen)
+    assert is_rising(seen)
     return count, certainty
 
 
-def test_bodies_are_tried_until_the_map_of_one_is_sure(result: zo.MatchResult, monkeypatch) -> None:
-    assert tried(result, monkeypatch, 0.95) == (1, 0.95)
-    assert tried(result, monkeypatch, 0.5, 0.6) == (2, 0.6)
-    assert tried(result, monkeypatch, 0.5, 0.2, skins=False) == (2, 0.5)
+def test_bodies_are_tried_until_one_map_is_certain(result: zo.MatchResult, monkeypatch) -> None:
+    assert try_bodies(result, monkeypatch, 0.95) == (1, 0.95)
+    assert try_bodies(result, monkeypatch, 0.5, 0.6) == (2, 0.6)
+    assert try_bodies(result, monkeypatch, 0.5, 0.2, skins=False) == (2, 0.5)
 
 
-def test_tighter_skins_are_tried_last(result: zo.MatchResult, monkeypatch) -> None:
-    assert tried(result, monkeypatch, 0.3, 0.4, 0.7, skins=True) == (3, 0.7)
-    assert tried(result, monkeypatch, 0.3, 0.95, skins=True) == (2, 0.95)
+def test_tight_hulls_are_tried_last(result: zo.MatchResult, monkeypatch) -> None:
+    assert try_bodies(result, monkeypatch, 0.3, 0.4, 0.7, skins=True) == (3, 0.7)
+    assert try_bodies(result, monkeypatch, 0.3, 0.95, skins=True) == (2, 0.95)
 
 
-def test_a_landmark_that_a_later_body_lacks_leaves_the_earlier_one(result: zo.MatchResult, monkeypatch) -> None:
-    assert tried(result, monkeypatch, 0.5, None) == (2, 0.5)
+def test_later_body_that_lacks_a_landmark_is_skipped(result: zo.MatchResult, monkeypatch) -> None:
+    assert try_bodies(result, monkeypatch, 0.5, None) == (2, 0.5)
     with pytest.raises(LandmarkError, match="is elsewhere"):
-        tried(result, monkeypatch, None)
+        try_bodies(result, monkeypatch, None)
 
 
 # --- no likely candidate ------------------------------------------------------------------------------------
 
 
-def test_more_guesses_are_tried_where_no_map_is_likely_and_only_there(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_more_hypotheses_are_tried_only_if_no_map_is_likely(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[str] = []
 
     def further(*_: Any) -> list[Hypothesis]:

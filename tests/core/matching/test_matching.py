@@ -54,7 +54,7 @@ def coarse() -> tuple[Creature, Creature]:
     return creature(1400), creature(1000, seed=1, bend=0.9)
 
 
-def matched(pair: tuple[Creature, Creature], **given: Any) -> zo.MatchResult:
+def match_coarsely(pair: tuple[Creature, Creature], **given: Any) -> zo.MatchResult:
     return zo.match(pair[0].surface, pair[1].surface, k_final=60, samples=400, **given)
 
 
@@ -66,7 +66,7 @@ def test_another_pose_and_topology_is_matched_without_a_hint(resting, bent, resu
     np.testing.assert_allclose(result.surface_map.barycentric.sum(axis=1), 1, atol=1e-9)
 
 
-def test_a_first_look_at_the_candidates_comes_before_they_are_refined(resting, bent, watched) -> None:
+def test_first_look_comes_before_refinement(resting, bent, watched) -> None:
     result, seen = watched
     (first, *_) = [progress for progress in seen if progress.outlines]
     assert first.fraction < 0.5
@@ -79,31 +79,31 @@ def test_a_first_look_at_the_candidates_comes_before_they_are_refined(resting, b
         np.testing.assert_array_equal(shown, used)
 
 
-def test_a_first_look_does_not_wait_for_what_only_the_map_needs(coarse, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_first_look_does_not_wait_for_self_maps(coarse, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(pipeline, "self_maps", too_late)
     with pytest.raises(zo.Cancelled):
-        matched(coarse, progress=cancel_at_first_look)
+        match_coarsely(coarse, progress=cancel_at_first_look)
     with pytest.raises(AssertionError):
-        matched(coarse)
+        match_coarsely(coarse)
 
 
 def test_a_first_look_does_not_wait_for_candidates_to_be_refined(coarse, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(ranking, "_candidate", too_late)
     with pytest.raises(zo.Cancelled):
-        matched(coarse, progress=cancel_at_first_look)
+        match_coarsely(coarse, progress=cancel_at_first_look)
 
 
 @pytest.mark.parametrize(("count", "ended"), [(2, AssertionError), (3, zo.Cancelled)])
-def test_three_landmarks_give_a_first_look_before_anything_is_guessed(coarse, monkeypatch, count: int, ended) -> None:
+def test_three_landmarks_give_a_first_look_before_hypotheses(coarse, monkeypatch, count: int, ended) -> None:
     resting, bent = coarse
     tips = np.array([int(np.argmax(bent.directions @ LIMBS[i])) for i in range(count)])
     landmarks = true_vertex(resting, bent)[tips], tips
     monkeypatch.setattr(collect, "GENERATORS", (too_late,))
     with pytest.raises(ended):
-        matched(coarse, landmarks=landmarks, progress=cancel_at_first_look)
+        match_coarsely(coarse, landmarks=landmarks, progress=cancel_at_first_look)
 
 
-def test_landmarks_alone_show_nearly_the_final_map(coarse: tuple[Creature, Creature]) -> None:
+def test_first_look_by_landmarks_is_nearly_the_final_map(coarse: tuple[Creature, Creature]) -> None:
     resting, bent = coarse
     truth = true_vertex(resting, bent)
     tips = np.array([int(np.argmax(bent.directions @ LIMBS[i])) for i in range(3)])
@@ -114,7 +114,7 @@ def test_landmarks_alone_show_nearly_the_final_map(coarse: tuple[Creature, Creat
         cancel_at_first_look(progress)
 
     with pytest.raises(zo.Cancelled):
-        matched(coarse, landmarks=(truth[tips], tips), progress=listen)
+        match_coarsely(coarse, landmarks=(truth[tips], tips), progress=listen)
     vertices, images = looks[-1][0]
     off = resting.surface.vertices[images] - resting.surface.vertices[truth[vertices]]
     assert np.linalg.norm(off, axis=1).mean() / np.sqrt(resting.surface.area) < 2 * RIGHT
@@ -150,7 +150,7 @@ def test_the_mirrored_map_is_kept_as_a_candidate_and_can_be_used(resting, bent, 
         result.use(99)
 
 
-def test_an_outline_tells_where_a_candidate_leads_before_its_map_is_worked_out(resting, bent, result) -> None:
+def test_outline_approximates_the_map_of_a_candidate(resting, bent, result) -> None:
     flip = next(i for i, candidate in enumerate(result.candidates) if candidate.reverses_orientation)
     points = resting.surface.vertices
     for number, truth in ((0, true_vertex(resting, bent)), (flip, mirrored_vertex(resting, bent))):
@@ -160,7 +160,7 @@ def test_an_outline_tells_where_a_candidate_leads_before_its_map_is_worked_out(r
 
 
 @pytest.mark.slow
-def test_an_outline_is_in_the_vertices_of_the_surfaces_some_of_which_no_face_uses(resting, bent, result) -> None:
+def test_outline_numbers_vertices_including_unused_ones(resting, bent, result) -> None:
     padded = [
         Surface(np.vstack([[0.0, 0, 0], made.surface.vertices]), made.surface.triangles + 1) for made in (resting, bent)
     ]
@@ -168,7 +168,7 @@ def test_an_outline_is_in_the_vertices_of_the_surfaces_some_of_which_no_face_use
         np.testing.assert_array_equal(ours, known + 1)
 
 
-def test_a_map_is_as_sure_as_its_lead_over_others(resting: Creature) -> None:
+def test_certainty_follows_the_lead_over_rivals(resting: Creature) -> None:
     again = creature(1500, seed=1, bend=0.4)
     sure = zo.match(resting.surface, again.surface)
     assert sure.certainty > 0.9
@@ -180,7 +180,7 @@ def test_a_map_is_as_sure_as_its_lead_over_others(resting: Creature) -> None:
 
 
 @pytest.mark.slow
-def test_coordinates_that_are_far_from_the_origin_are_said_to_be_rounded(resting: Creature, bent: Creature) -> None:
+def test_rounding_far_from_the_origin_is_reported(resting: Creature, bent: Creature) -> None:
     rounded = [made.surface.with_vertices((made.surface.vertices + 1e6).astype(np.float32)) for made in (resting, bent)]
     notes = zo.match(resting.surface, rounded[1]).notes
     assert [note for note in notes if note.startswith("The target is so far from its origin that")]
@@ -191,7 +191,7 @@ def test_coordinates_that_are_far_from_the_origin_are_said_to_be_rounded(resting
 
 
 @pytest.mark.slow
-def test_a_round_shape_is_called_uncertain() -> None:
+def test_match_of_round_shapes_is_uncertain() -> None:
     spheres = [Surface(points, ConvexHull(points).simplices) for points in (directions(2000, 3), directions(1500, 4))]
     result = zo.match(*spheres)
     assert result.certainty < 0.5
@@ -219,7 +219,7 @@ ARM, LEG = 0, 2
 
 @pytest.mark.slow(but=1)
 @pytest.mark.parametrize("limb", [ARM, LEG])
-def test_a_limb_that_the_source_lacks_is_given_no_confidence_and_the_rest_is_right(limb: int) -> None:
+def test_limb_missing_in_the_source_has_no_confidence(limb: int) -> None:
     source, target = creature(1800, seed=0, without=limb), creature(1500, seed=1, bend=0.6)
     result = zo.match(source.surface, target.surface)
     alone = on_limb(target, limb)
@@ -236,7 +236,7 @@ def test_a_limb_that_the_source_lacks_is_given_no_confidence_and_the_rest_is_rig
 
 @pytest.mark.slow
 @pytest.mark.parametrize("limb", [ARM, LEG])
-def test_a_limb_that_the_target_lacks_leaves_the_rest_right(limb: int) -> None:
+def test_limb_missing_in_the_target_does_not_affect_the_rest(limb: int) -> None:
     source, target = creature(2500, seed=0), creature(2000, seed=1, bend=0.6, without=limb)
     result = zo.match(source.surface, target.surface)
     common = np.flatnonzero(~on_limb(target, limb))
@@ -268,8 +268,8 @@ def test_the_result_does_not_depend_on_unit_place_or_vertex_order(resting, bent,
 
 
 @pytest.mark.slow
-def test_two_runs_agree_to_the_bit(coarse: tuple[Creature, Creature]) -> None:
-    once, again = matched(coarse), matched(coarse)
+def test_two_runs_give_identical_results(coarse: tuple[Creature, Creature]) -> None:
+    once, again = match_coarsely(coarse), match_coarsely(coarse)
     assert np.array_equal(again.surface_map.triangle, once.surface_map.triangle)
     assert np.array_equal(again.confidence, once.confidence)
 
@@ -285,7 +285,7 @@ def test_progress_never_falls_and_ends_with_the_result(watched: tuple[zo.MatchRe
     assert len({progress.stage for progress in seen}) >= 4
 
 
-def test_a_match_can_be_cancelled_and_reports_nothing_after_that(resting: Creature, bent: Creature) -> None:
+def test_cancelled_match_stops_reporting(resting: Creature, bent: Creature) -> None:
     seen: list[zo.Progress] = []
 
     def listen(progress: zo.Progress) -> None:
@@ -303,27 +303,27 @@ def test_a_match_can_be_cancelled_and_reports_nothing_after_that(resting: Creatu
 # --- other starts -------------------------------------------------------------------------------------------
 
 
-def test_landmarks_settle_the_side(coarse: tuple[Creature, Creature]) -> None:
+def test_landmarks_decide_the_side(coarse: tuple[Creature, Creature]) -> None:
     resting, bent = coarse
     truth, mirrored = true_vertex(resting, bent), mirrored_vertex(resting, bent)
     tips = np.array([bent.directions @ axis for axis in ([1, 0.1, 0.35], [-1, 0.1, 0.35], [0, 1, -0.25])]).argmax(
         axis=1
     )
-    right = matched(coarse, initial="landmarks", landmarks=(truth[tips], tips))
+    right = match_coarsely(coarse, initial="landmarks", landmarks=(truth[tips], tips))
     assert mean_error(right, resting.surface, truth) < RIGHT
     assert right.candidates[0].scores["landmarks"] < 3 * 0.15  # three landmarks
     # Landmarks on the wrong side select the map that fits them best, not the right one.
-    wrong = matched(coarse, initial="landmarks", landmarks=(mirrored[tips], tips))
+    wrong = match_coarsely(coarse, initial="landmarks", landmarks=(mirrored[tips], tips))
     assert wrong.candidates[0].scores["landmarks"] < 3 * 0.15
     assert mean_error(wrong, resting.surface, truth) > 3 * RIGHT
 
 
-def test_proximity_follows_what_lies_nearest(coarse: tuple[Creature, Creature]) -> None:
+def test_proximity_starts_from_the_nearest_points(coarse: tuple[Creature, Creature]) -> None:
     resting, same_pose = coarse[0], creature(1000, seed=1)
-    result = matched((resting, same_pose), initial="proximity")
+    result = match_coarsely((resting, same_pose), initial="proximity")
     assert mean_error(result, resting.surface, true_vertex(resting, same_pose)) < RIGHT
     turned = Surface(same_pose.surface.vertices * [-1, 1, 1], same_pose.surface.triangles[:, ::-1])
-    flipped = matched((resting, Creature(turned, same_pose.directions)), initial="proximity")
+    flipped = match_coarsely((resting, Creature(turned, same_pose.directions)), initial="proximity")
     assert mean_error(flipped, resting.surface, mirrored_vertex(resting, same_pose)) < RIGHT
 
 
@@ -333,7 +333,7 @@ def test_a_given_map_is_refined_in_every_form(coarse: tuple[Creature, Creature])
     bases = zo.eigenbasis(resting.surface, 20), zo.eigenbasis(bent.surface, 20)
     functional_map = bases[1].coefficients(bases[0].eigenvectors[truth])
     for given in (truth, zo.SurfaceMap.from_vertices(truth, resting.surface), functional_map):
-        result = matched(coarse, initial="given", initial_map=given)
+        result = match_coarsely(coarse, initial="given", initial_map=given)
         assert mean_error(result, resting.surface, truth) < RIGHT
 
 
@@ -348,7 +348,7 @@ def test_a_given_map_is_refined_in_every_form(coarse: tuple[Creature, Creature])
         ({"initial": "given", "initial_map": [1, 2, 3]}, "for each of 1500"),
     ],
 )
-def test_arguments_that_do_not_fit_are_refused(resting: Creature, bent: Creature, arguments, sentence: str) -> None:
+def test_invalid_arguments_are_refused(resting: Creature, bent: Creature, arguments, sentence: str) -> None:
     with pytest.raises(ValueError, match=sentence) as refusal:
         zo.match(resting.surface, bent.surface, **arguments)
     assert "\n" not in str(refusal.value)
@@ -358,7 +358,7 @@ def test_arguments_that_do_not_fit_are_refused(resting: Creature, bent: Creature
 
 
 @pytest.mark.slow
-def test_a_split_polygonal_mirrored_wound_target_is_matched_alike(resting: Creature, bent: Creature) -> None:
+def test_split_and_inconsistently_wound_target_is_matched(resting: Creature, bent: Creature) -> None:
     """The target is split at every face, partly wound inwards, and has unused vertices, as importers may produce."""
     triangles = bent.surface.triangles.copy()
     triangles[::3] = triangles[::3, ::-1]
@@ -416,7 +416,7 @@ def test_loose_parts_without_a_partner_follow_the_body_and_are_reported(resting:
     assert any("1 loose part of the target without a partner" in note for note in result.notes)
 
 
-def test_a_mesh_of_a_few_vertices_is_matched_or_refused_in_a_sentence(resting: Creature) -> None:
+def test_coarse_mesh_is_matched_or_refused(resting: Creature) -> None:
     coarse = creature(30, seed=6)
     result = zo.match(resting.surface, coarse.surface)
     assert len(result.confidence) == 30
@@ -441,7 +441,7 @@ def test_benchmark_humans_are_matched(benchmark_data) -> None:
 
 
 @pytest.mark.slow
-def test_a_large_mesh_is_matched_by_a_stand_in_nearly_as_exactly_as_in_full(resting, bent, result) -> None:
+def test_match_by_proxy_is_nearly_as_accurate_as_a_full_one(resting, bent, result) -> None:
     truth = true_vertex(resting, bent)
     by_proxy = zo.match(resting.surface, bent.surface, proxy_vertices=1000)
     assert len(by_proxy.pair.source_shape.mesh.vertices) < len(result.pair.source_shape.mesh.vertices) == 2000
@@ -450,7 +450,7 @@ def test_a_large_mesh_is_matched_by_a_stand_in_nearly_as_exactly_as_in_full(rest
     assert len(by_proxy.confidence) == 1500
 
 
-def test_a_match_that_memory_does_not_allow_ends_in_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_memory_error_is_reported_in_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
     def without_memory(matrix: object) -> None:
         raise MemoryError
 
@@ -462,14 +462,14 @@ def test_a_match_that_memory_does_not_allow_ends_in_a_sentence(monkeypatch: pyte
 
 
 @pytest.mark.slow
-def test_finer_meshes_have_finer_stand_ins(resting: Creature) -> None:
+def test_finer_meshes_have_finer_proxies(resting: Creature) -> None:
     fine = creature(50_000).surface
     result = zo.match(fine, resting.surface, initial="proximity")
     assert len(result.pair.source_shape.mesh.vertices) == pytest.approx(6000, rel=0.02)
     assert result.pair.target_shape.proxy.full is result.pair.target_shape.mesh
 
 
-def test_options_are_checked_when_they_are_made_and_serve_again() -> None:
+def test_options_are_checked_at_creation_and_reusable() -> None:
     with pytest.raises(ValueError, match="k_final is 2"):
         zo.MatchOptions(k_final=2)
     with pytest.raises(ValueError, match="needs `landmarks`"):

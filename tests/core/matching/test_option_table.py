@@ -39,7 +39,7 @@ def test_defaults_are_those_of_the_library(option: Option) -> None:
 
 
 @pytest.mark.parametrize("option", OPTIONS.values(), ids=list(OPTIONS))
-def test_a_row_has_all_that_its_doors_show(option: Option) -> None:
+def test_row_has_all_that_its_interfaces_show(option: Option) -> None:
     assert option.interfaces
     assert set(option.starts) <= set(STARTS)
     assert (Interface.BLENDER in option.interfaces) == bool(option.label)
@@ -52,7 +52,7 @@ def test_a_row_has_all_that_its_doors_show(option: Option) -> None:
         assert not text.endswith(".")
 
 
-def test_filters_take_what_the_command_line_of_meshlab_hands_on() -> None:
+def test_filters_accept_the_options_of_their_command_line() -> None:
     flags = {option.name for option in select_options((*MATCHING, *ACCURACY), Interface.COMMAND_LINE)}
     parameters = {option.name for option in select_options((*MATCHING, *ACCURACY), Interface.MESHLAB)}
     assert flags - parameters == {"earlier_map"}  # `read_options` turns it into the initial map

@@ -18,7 +18,7 @@ SIZES = {"k_final": 4, "step": 1, "samples": 1, "proxy_vertices": 500}
 
 
 @pytest.mark.parametrize(("name", "least"), SIZES.items())
-def test_sizes_are_whole_numbers_from_the_smallest_that_makes_sense(name: str, least: int) -> None:
+def test_sizes_are_whole_numbers_of_at_least_a_minimum(name: str, least: int) -> None:
     for value in (least, np.int64(least), 10**6):
         assert getattr(MatchOptions(**{name: value}), name) == value
     for value in (least - 1, -1, least + 0.5, float(least + 1), str(least + 1), True):
@@ -36,7 +36,7 @@ def test_each_preset_is_finer_than_the_one_before_it() -> None:
     assert (balanced.proxy_vertices, full.proxy_vertices) == ("auto", None)
 
 
-def test_a_size_overrides_that_of_the_preset_and_is_no_smaller_than_accepted() -> None:
+def test_size_overrides_the_preset_and_is_clamped() -> None:
     assert resolve_detail() == resolve_detail("balanced", 0) == {}
     assert resolve_detail("fine", seed=3) == DETAIL["fine"] | {"seed": 3}
     assert resolve_detail("fast", 90, samples=40) == {"k_final": 90, "samples": 40, "proxy_vertices": 2000}

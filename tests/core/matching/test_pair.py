@@ -42,7 +42,7 @@ def pair(resting: Creature, bent: Creature) -> Pair:
     return Pair(source, bent.surface, shape_of(source, 1000), shape_of(bent.surface), 20, 5)
 
 
-def test_vertices_and_points_of_the_surfaces_lead_to_the_same_landmarks(pair: Pair) -> None:
+def test_vertices_and_points_give_the_same_landmarks(pair: Pair) -> None:
     vertices = np.array([0, 100, 2000, 3999])
     by_number = landmarks_on_parts(pair, (vertices, vertices // 2))
     by_place = landmarks_on_parts(pair, (pair.source.vertices[vertices], pair.target.vertices[vertices // 2].tolist()))
@@ -66,7 +66,7 @@ def test_a_point_inside_a_face_goes_to_the_nearest_vertex(pair: Pair) -> None:
         np.testing.assert_allclose(distance[np.arange(len(points)), found], distance.min(axis=1), rtol=0.1)
 
 
-def test_points_on_the_surface_need_no_search_beyond_the_nearest_vertex(pair: Pair, monkeypatch) -> None:
+def test_points_on_the_surface_need_only_the_nearest_vertex(pair: Pair, monkeypatch) -> None:
     corners = pair.target.triangles[::500]
     inside = np.einsum("c,mcx->mx", [0.2, 0.1, 0.7], pair.target.vertices[corners]).astype(np.float32).astype(float)
     monkeypatch.delattr(SurfaceSearch, "_groups")
@@ -93,7 +93,7 @@ def test_points_on_the_surface_need_no_search_beyond_the_nearest_vertex(pair: Pa
         (([0], [1], [2]), "two lists"),
     ],
 )
-def test_landmarks_that_are_none_are_refused(pair: Pair, landmarks: object, sentence: str) -> None:
+def test_malformed_landmarks_are_refused(pair: Pair, landmarks: object, sentence: str) -> None:
     with pytest.raises(ValueError, match=sentence) as refusal:
         landmarks_on_parts(pair, landmarks)
     assert "\n" not in str(refusal.value)
@@ -111,7 +111,7 @@ def test_landmarks_off_the_surface_or_its_main_part_are_refused(pair: Pair) -> N
     assert (error.value.role, error.value.number) == ("target", 1)  # for callers with other numbering
 
 
-def test_a_landmark_where_a_loose_part_touches_the_main_part_is_on_that(resting: Creature) -> None:
+def test_landmark_at_a_contact_is_on_the_main_part(resting: Creature) -> None:
     """Such as the corner of a lid, where a lash begins."""
     body = resting.surface
     n, unit = len(body.vertices), np.sqrt(body.area)
@@ -127,7 +127,7 @@ def test_a_landmark_where_a_loose_part_touches_the_main_part_is_on_that(resting:
         landmarks_on_parts(pair, (source.vertices[[n + 2]], [tip]))
 
 
-def test_of_several_landmarks_that_cannot_be_used_the_first_is_named(pair: Pair) -> None:
+def test_error_names_the_first_unusable_landmark(pair: Pair) -> None:
     with pytest.raises(LandmarkError, match="Landmark 1 on the source, at vertex 4010, is not on") as error:
         landmarks_on_parts(pair, ([7, 4010, 4000, 8], [0, 1, 2, 3]))
     assert error.value.number == 1
@@ -143,7 +143,7 @@ def test_of_several_landmarks_that_cannot_be_used_the_first_is_named(pair: Pair)
         landmarks_on_parts(pair, (pair.source.vertices[face].mean(axis=0)[None], [0]))
 
 
-def test_a_point_beside_the_surface_is_on_it_whatever_the_unit(pair: Pair) -> None:
+def test_point_near_the_surface_is_accepted_in_any_unit(pair: Pair) -> None:
     tip = np.argmax(pair.source.vertices[:4000, 1])
     beside = pair.source.vertices[tip] + [0, 0.03 * np.sqrt(pair.source.area), 0]
     (by_place, _), (by_number, _) = (landmarks_on_parts(pair, (at, [0])) for at in (beside[None], [tip]))
@@ -159,7 +159,7 @@ def with_strays() -> tuple[Surface, ShapeAnalysis]:
     return surface, shape_of(surface)
 
 
-def test_vertices_of_a_part_are_where_the_surface_has_them_to_the_bit(with_strays) -> None:
+def test_positions_of_a_part_equal_those_of_the_surface_exactly(with_strays) -> None:
     surface, shape = with_strays
     np.testing.assert_array_equal(positions_of_part(surface, shape), surface.vertices[1:-1])
     part = shape.proxy.full
@@ -168,7 +168,7 @@ def test_vertices_of_a_part_are_where_the_surface_has_them_to_the_bit(with_stray
     np.testing.assert_array_equal(positions_of_part(surface, around), skin.to_surface(skin.vertices))
 
 
-def test_vertices_of_a_shape_are_those_of_the_surface(with_strays, pair: Pair) -> None:
+def test_vertices_of_a_shape_refer_to_those_of_the_surface(with_strays, pair: Pair) -> None:
     _, shape = with_strays
     np.testing.assert_array_equal(shape.surface_vertex[:200], np.arange(200) + 1)
     stand_in = pair.source_shape.proxy
@@ -177,7 +177,7 @@ def test_vertices_of_a_shape_are_those_of_the_surface(with_strays, pair: Pair) -
     np.testing.assert_array_equal(pair.source_shape.surface_vertex, nearest)
 
 
-def test_landmarks_as_vertices_and_as_points_are_the_same_places(pair: Pair) -> None:
+def test_landmark_points_of_vertices_and_points_are_equal(pair: Pair) -> None:
     by_number = landmark_points(pair, ([5, 7], [6, 8]))
     by_place = landmark_points(pair, (pair.source.vertices[[5, 7]].tolist(), pair.target.vertices[[6, 8]]))
     for surface, numbers, one, other in zip(
@@ -187,7 +187,7 @@ def test_landmarks_as_vertices_and_as_points_are_the_same_places(pair: Pair) -> 
         np.testing.assert_array_equal(other, surface.vertices[numbers])
 
 
-def test_points_as_landmarks_settle_the_side() -> None:
+def test_landmark_points_decide_the_side() -> None:
     resting, bent = creature(500), creature(400, seed=1, bend=0.9)
     truth = true_vertex(resting, bent)
     axes = ([1, 0.1, 0.35], [-1, 0.1, 0.35], [0, 1, -0.25])

@@ -42,7 +42,7 @@ def candidate(certainty: float, sample_map: np.ndarray) -> Candidate:
 
 @dataclass(frozen=True)
 class Evidence:
-    """Evidence of which a part may not use that shapes stand upright, as a limb may point anywhere."""
+    """Evidence whose `upright` a part must not use, as a limb may point anywhere."""
 
     upright: bool = True
 
@@ -51,7 +51,7 @@ class Evidence:
 
 
 @pytest.mark.parametrize(("certainty", "tried"), [(0.5, True), (0.9, True), (0.97, False)])
-def test_parts_are_tried_unless_the_map_of_wholes_is_nearly_certain(certainty: float, tried: bool) -> None:
+def test_parts_are_tried_unless_the_whole_map_is_nearly_certain(certainty: float, tried: bool) -> None:
     shape: Any = SimpleNamespace(proxy=SimpleNamespace(full=SimpleNamespace(scale=1.0)))
     pair: Any = SimpleNamespace(source_shape=shape, target_shape=shape)
     first = Attempt(pair, [candidate(certainty, THERE)], 1.0)
@@ -63,7 +63,7 @@ def without_fragment(*_: object) -> None:
     advance(0.5)
 
 
-def gone_on_with(
+def choose_map(
     monkeypatch: pytest.MonkeyPatch,
     by_whole: float,
     by_part: float,
@@ -112,57 +112,53 @@ def gone_on_with(
     ("by_whole", "by_part", "taken"),
     [(0.3, 0.5, "part"), (0.5, 0.3, "whole"), (0.4, 0.4, "whole"), (0.02, 0.1, "whole"), (0.02, 0.2, "part")],
 )
-def test_the_surer_map_is_taken_if_that_of_a_part_is_likely_at_all(
+def test_more_certain_map_wins_if_the_part_is_likely_at_all(
     monkeypatch: pytest.MonkeyPatch, by_whole: float, by_part: float, taken: str
 ) -> None:
     expected = by_part if taken == "part" else by_whole
-    assert gone_on_with(monkeypatch, by_whole, by_part) == (taken, expected)
+    assert choose_map(monkeypatch, by_whole, by_part) == (taken, expected)
 
 
 @pytest.mark.parametrize(("by_part", "taken"), [(0.5, "part"), (0.4, "part"), (0.3, "whole")])
-def test_that_a_hand_looks_like_a_whole_body_counts_for_less(
-    monkeypatch: pytest.MonkeyPatch, by_part: float, taken: str
-) -> None:
+def test_whole_map_of_a_small_part_counts_for_less(monkeypatch: pytest.MonkeyPatch, by_part: float, taken: str) -> None:
     expected = by_part if taken == "part" else 0.7
-    assert gone_on_with(monkeypatch, 0.7, by_part, (1.0, 0.5 * REGION.small)) == (taken, expected)
-    assert gone_on_with(monkeypatch, 0.7, by_part, (1.0, 2 * REGION.small)) == ("whole", 0.7)
-    assert gone_on_with(monkeypatch, 0.02, 0.1, (1.0, 0.5 * REGION.small)) == ("whole", 0.02)
+    assert choose_map(monkeypatch, 0.7, by_part, (1.0, 0.5 * REGION.small)) == (taken, expected)
+    assert choose_map(monkeypatch, 0.7, by_part, (1.0, 2 * REGION.small)) == ("whole", 0.7)
+    assert choose_map(monkeypatch, 0.02, 0.1, (1.0, 0.5 * REGION.small)) == ("whole", 0.02)
 
 
 @pytest.mark.parametrize("areas", [(1.0, 0.9), (0.9, 1.0)])
-def test_of_shapes_of_nearly_one_area_the_map_as_wholes_is_kept_where_both_agree(
+def test_whole_map_is_kept_at_equal_areas_if_both_maps_agree(
     monkeypatch: pytest.MonkeyPatch, areas: tuple[float, float]
 ) -> None:
-    assert gone_on_with(monkeypatch, 0.3, 0.5, areas) == ("whole", 0.5)
-    assert gone_on_with(monkeypatch, 0.3, 0.5, areas, ELSEWHERE) == ("part", 0.5)
-    assert gone_on_with(monkeypatch, 0.6, 0.5, areas) == ("whole", 0.6)
+    assert choose_map(monkeypatch, 0.3, 0.5, areas) == ("whole", 0.5)
+    assert choose_map(monkeypatch, 0.3, 0.5, areas, ELSEWHERE) == ("part", 0.5)
+    assert choose_map(monkeypatch, 0.6, 0.5, areas) == ("whole", 0.6)
 
 
 @pytest.mark.parametrize("areas", [(LARGE, SMALL), (1.0, 0.9)])
-def test_the_map_of_two_fragments_as_wholes_counts_as_that_of_a_part_only(
+def test_whole_map_of_fragments_counts_only_as_a_part_map(
     monkeypatch: pytest.MonkeyPatch, areas: tuple[float, float]
 ) -> None:
-    assert gone_on_with(monkeypatch, 0.5, 0.3, areas, fragments=True) == ("part", 0.3)
-    assert gone_on_with(monkeypatch, 0.4, 0.1, areas, fragments=True) == ("whole", 0.4)
+    assert choose_map(monkeypatch, 0.5, 0.3, areas, fragments=True) == ("part", 0.3)
+    assert choose_map(monkeypatch, 0.4, 0.1, areas, fragments=True) == ("whole", 0.4)
 
 
 @pytest.mark.parametrize("fragments", [False, True])
-def test_no_scale_of_two_fragments_is_tried_if_a_map_in_their_unit_is_likely(
-    monkeypatch: pytest.MonkeyPatch, fragments: bool
-) -> None:
+def test_fragments_are_not_rescaled_if_likely_in_their_unit(monkeypatch: pytest.MonkeyPatch, fragments: bool) -> None:
     tried: list[object] = []
     monkeypatch.setitem(globals(), "without_fragment", lambda *_: tried.append(True))
-    gone_on_with(monkeypatch, 0.1, 0.3, fragments=fragments)
+    choose_map(monkeypatch, 0.1, 0.3, fragments=fragments)
     assert bool(tried) != fragments
 
 
 @pytest.mark.parametrize(("by_whole", "by_part", "tried"), [(0.8, 0.3, True), (0.92, 0.3, False), (0.3, 0.6, False)])
-def test_other_units_are_tried_unless_a_part_is_likely_or_the_map_of_wholes_is_certain(
+def test_other_units_are_tried_only_if_no_map_is_convincing(
     monkeypatch: pytest.MonkeyPatch, by_whole: float, by_part: float, tried: bool
 ) -> None:
     known: list[float] = []
     monkeypatch.setitem(globals(), "without_fragment", lambda *given: known.append(given[2]))
-    gone_on_with(monkeypatch, by_whole, by_part)
+    choose_map(monkeypatch, by_whole, by_part)
     assert known == ([by_whole] if tried else [])
 
 
@@ -179,7 +175,7 @@ def test_other_units_are_tried_unless_a_part_is_likely_or_the_map_of_wholes_is_c
         (1.0, {"initial": "proximity"}, True, False, 1.0),
     ],
 )
-def test_a_part_is_looked_for_where_the_map_is_unsure_and_something_may_be_missing(
+def test_parts_are_searched_if_uncertain_and_cuts_exist(
     monkeypatch: pytest.MonkeyPatch,
     uncertain: float,
     options: dict[str, Any],
@@ -219,7 +215,7 @@ def test_a_part_is_looked_for_where_the_map_is_unsure_and_something_may_be_missi
         ("landmarks", 0.3, 1, "auto", False, "first"),
     ],
 )
-def test_where_no_part_is_taken_more_is_tried_if_nothing_is_likely(
+def test_more_is_tried_if_neither_part_nor_map_is_likely(
     monkeypatch: pytest.MonkeyPatch,
     initial: str,
     certainty: float,
@@ -261,7 +257,7 @@ def test_where_no_part_is_taken_more_is_tried_if_nothing_is_likely(
         (1000, True, "off", False),
     ],
 )
-def test_a_note_says_that_shapes_of_very_different_size_are_in_different_units(
+def test_note_reports_shapes_in_different_units(
     monkeypatch: pytest.MonkeyPatch, factor: float, has_cuts: bool, partial: Any, told: bool
 ) -> None:
     in_one = []

@@ -56,7 +56,7 @@ def weights_error(
 
 @pytest.mark.parametrize("bend", [0.0, 1.0])
 @pytest.mark.parametrize("region", [shirt(), jacket, trousers])
-def test_wide_clothes_take_better_weights_than_from_nearest_points_alone(region: Region, bend: float) -> None:
+def test_wide_clothes_get_better_weights_than_by_nearest_points(region: Region, bend: float) -> None:
     outfit = wearing(region, 0.2, bend)
     ours = weights_error(*outfit)
     nearest = weights_error(*outfit, most_distance=10, most_angle=180)
@@ -64,7 +64,7 @@ def test_wide_clothes_take_better_weights_than_from_nearest_points_alone(region:
     assert np.quantile(ours, 0.99) < np.quantile(nearest, 0.99)
 
 
-def test_tight_clothes_are_mapped_as_good_as_whole() -> None:
+def test_tight_clothes_are_mapped_almost_completely() -> None:
     body, _, garment, _ = wearing(shirt(), 0.03, 1.0)
     result = zo.match_by_proximity(body, garment)
     assert result.confidence.mean() > 0.99
@@ -90,7 +90,7 @@ def legs(radius: float, layers: tuple[float, ...] = ()) -> tuple[zo.Surface, np.
     return surface, np.arange(2 * len(points)) < len(points)
 
 
-def of_leg(surface: zo.Surface, left: np.ndarray, cloth: zo.Surface, **options: float | bool) -> np.ndarray:
+def left_leg_weights(surface: zo.Surface, left: np.ndarray, cloth: zo.Surface, **options: float | bool) -> np.ndarray:
     """(n,) weight of the left leg on the vertices of a cloth."""
     sides = Attribute("side", Domain.POINT, Kind.WEIGHT, csr_array(np.stack([left, ~left], axis=1).astype(float)))
     result = zo.match_by_proximity(surface, cloth, **options)
@@ -103,21 +103,21 @@ def test_trousers_between_the_thighs_belong_to_their_own_leg(inside_out: bool) -
     cloth, of_left = legs(1.17)
     if inside_out:  # open cloth may be wound either way
         cloth = zo.Surface(cloth.vertices, cloth.corner_vertex.reshape(-1, 4)[:, ::-1])
-    alone = of_leg(body, left, cloth, most_angle=180)
+    alone = left_leg_weights(body, left, cloth, most_angle=180)
     assert (np.abs(alone - of_left) > 0.5).mean() > 0.02
-    np.testing.assert_allclose(of_leg(body, left, cloth), of_left, atol=1e-6)
+    np.testing.assert_allclose(left_leg_weights(body, left, cloth), of_left, atol=1e-6)
 
 
-def test_the_inner_side_of_thick_clothes_takes_part_if_it_may() -> None:
+def test_inner_side_of_thick_clothes_is_mapped_if_allowed() -> None:
     body, left = legs(1.0)
     cloth, of_left = legs(1.04, layers=(1.08,))
     strict, both = (zo.match_by_proximity(body, cloth, either_side=either) for either in (False, True))
     assert strict.confidence.mean() < 0.6
     assert both.confidence.mean() > 0.95
-    np.testing.assert_allclose(of_leg(body, left, cloth, either_side=True), of_left, atol=1e-6)
+    np.testing.assert_allclose(left_leg_weights(body, left, cloth, either_side=True), of_left, atol=1e-6)
 
 
-def turned(profile: np.ndarray, around: int = 40) -> tuple[np.ndarray, np.ndarray]:
+def revolve(profile: np.ndarray, around: int = 40) -> tuple[np.ndarray, np.ndarray]:
     """Points and faces of a surface of revolution: a profile (rows, 2) of distances from the axis and heights."""
     angle = np.linspace(0, 2 * np.pi, around, endpoint=False)
     points = np.stack([np.outer(profile[:, 0], wave(angle)) for wave in (np.cos, np.sin)], axis=2)
@@ -131,14 +131,14 @@ def arc(radius: float, first: float, last: float, rows: int = 16) -> np.ndarray:
     return radius * np.column_stack([np.sin(angle), -np.cos(angle)])
 
 
-BOWL = zo.Surface(*turned(np.vstack([arc(1, 0.01, 1.5), arc(0.9, 1.5, 0.01)])))
+BOWL = zo.Surface(*revolve(np.vstack([arc(1, 0.01, 1.5), arc(0.9, 1.5, 0.01)])))
 
 
 @pytest.mark.parametrize("winding", [1, -1])
-def test_a_cloth_that_lies_in_a_bowl_faces_as_the_bowl_does_and_a_ball_in_it_does_not(winding: int) -> None:
-    cloth, faces = turned(arc(0.87, 0.3, 1.0))
+def test_cloth_in_a_bowl_is_oriented_like_the_bowl_but_not_a_ball(winding: int) -> None:
+    cloth, faces = revolve(arc(0.87, 0.3, 1.0))
     cloth[cloth[:, 0] > 0.6, 0] -= 0.3  # moves a part too far away to be mapped
-    ball, around = turned(arc(0.1, 0.0, np.pi, 9))
+    ball, around = revolve(arc(0.1, 0.0, np.pi, 9))
     ball[:, 2] -= 0.78
     both = np.vstack([[[np.nan] * 3], cloth, ball, [[0.0, 0, 9]]])
     result = zo.match_by_proximity(
@@ -152,16 +152,16 @@ def test_a_cloth_that_lies_in_a_bowl_faces_as_the_bowl_does_and_a_ball_in_it_doe
 
 
 @pytest.mark.parametrize("winding", [1, -1])
-def test_which_side_of_a_cloth_is_the_outer_one_is_a_matter_of_area(winding: int) -> None:
+def test_outer_side_of_a_cloth_is_decided_by_area(winding: int) -> None:
     profile = np.vstack([arc(0.87, 0.3, 1.0, 6), arc(0.86, 0.99, 0.94, 14)])  # with a folded hem of many small faces
-    cloth, faces = turned(profile)
+    cloth, faces = revolve(profile)
     confidence = zo.match_by_proximity(BOWL, zo.Surface(cloth, faces[:, ::winding])).confidence
     assert (confidence[: 4 * 40] == 1).all()
     assert (confidence[8 * 40 :] == 0).all()
 
 
-def test_how_far_normals_may_differ_is_measured_where_a_cloth_is_turned_over() -> None:
-    cloth, faces = turned(arc(0.5, 0.2, 1.2, 30))
+def test_most_angle_applies_after_a_cloth_is_flipped() -> None:
+    cloth, faces = revolve(arc(0.5, 0.2, 1.2, 30))
     lowered = cloth + np.array([0, 0, -0.37])
     outwards = lowered / np.linalg.norm(lowered, axis=1, keepdims=True)
     angle = np.degrees(np.arccos(np.einsum("ij,ij->i", outwards, cloth / 0.5)))
@@ -172,13 +172,13 @@ def test_how_far_normals_may_differ_is_measured_where_a_cloth_is_turned_over() -
 
 
 @pytest.mark.parametrize("angle", [0, 0.5, 180])
-def test_the_smallest_and_the_largest_angle_are_taken(angle: float) -> None:
+def test_smallest_and_largest_angle_are_accepted(angle: float) -> None:
     square = zo.Surface([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2, 3]])
     above = square.with_vertices(square.vertices + np.array([0, 0, 0.01]))
     assert zo.match_by_proximity(square, above, most_angle=angle).has_partner.all()
 
 
-def test_it_gives_the_same_where_its_progress_is_heard_which_rises() -> None:
+def test_progress_rises_and_does_not_change_the_result() -> None:
     body, _ = legs(1.0)
     cloth, _ = legs(1.04, layers=(1.08,))
     result, reports = reports_of(lambda: zo.match_by_proximity(body, cloth))
@@ -189,7 +189,7 @@ def test_it_gives_the_same_where_its_progress_is_heard_which_rises() -> None:
     np.testing.assert_array_equal(result.confidence, zo.match_by_proximity(body, cloth).confidence)
 
 
-def test_what_is_too_far_off_is_said_and_not_trusted() -> None:
+def test_distant_vertices_are_reported_without_confidence() -> None:
     body, _ = legs(1.0)
     cloth, _ = legs(1.04)
     high = cloth.vertices[:, 2] > 2
@@ -219,7 +219,7 @@ def test_units_placement_and_numbering_do_not_matter() -> None:
     assert (again != once[order]).sum() <= 1
 
 
-def test_vertices_of_no_face_are_mapped_without_confidence() -> None:
+def test_unused_vertices_are_mapped_without_confidence() -> None:
     body, _ = legs(1.0)
     cloth, _ = legs(1.04)
     stray = np.concatenate([cloth.vertices, [[np.nan] * 3, [1.1, 0, 5]]])
@@ -228,7 +228,7 @@ def test_vertices_of_no_face_are_mapped_without_confidence() -> None:
     assert np.isfinite(result.surface_map.barycentric).all()
 
 
-def test_wrong_thresholds_and_clothes_elsewhere_are_refused() -> None:
+def test_invalid_thresholds_and_distant_clothes_are_refused() -> None:
     body, _ = legs(1.0)
     for distance in (0, -1, np.nan, np.inf):
         with pytest.raises(ValueError, match="most_distance is"):

@@ -33,7 +33,7 @@ def weight_factor(shape: ShapeAnalysis, off_in_space: float, off_along: float) -
     return _weight_factor(vertex, aligned, shape, shape, 30)
 
 
-def test_space_counts_more_the_better_it_tells_and_never_nothing_nor_all(shape: ShapeAnalysis) -> None:
+def test_weight_of_space_grows_with_its_accuracy_within_limits(shape: ShapeAnalysis) -> None:
     factors = [weight_factor(shape, off, 0.1) for off in (0.001, 0.03, 0.06, 1.0)]
     assert factors == sorted(factors, reverse=True)
     assert factors[0] > 2
@@ -44,7 +44,7 @@ def test_space_counts_more_the_better_it_tells_and_never_nothing_nor_all(shape: 
     assert weight_factor(shape, 0.03, 0.2) > weight_factor(shape, 0.03, 0.02)
 
 
-def test_weights_grow_with_the_square_of_the_ratio_of_squared_misses(shape: ShapeAnalysis) -> None:
+def test_weight_grows_with_the_fourth_power_of_the_error_ratio(shape: ShapeAnalysis) -> None:
     least, most = weight_factor(shape, 1.0, 0.1), weight_factor(shape, 0.0, 0.1)
     factors = [weight_factor(shape, off, 0.1) for off in np.geomspace(0.01, 0.2, 60)]
     between = [factor for factor in factors if 1.01 * least < factor < 0.99 * most]
@@ -53,12 +53,12 @@ def test_weights_grow_with_the_square_of_the_ratio_of_squared_misses(shape: Shap
     np.testing.assert_allclose(np.divide(between[:-1], between[1:]), step**4)
 
 
-def test_a_map_that_misses_by_nothing_in_space_is_weighed_without_dividing_by_zero(shape: ShapeAnalysis) -> None:
+def test_exact_map_in_space_has_the_maximum_weight(shape: ShapeAnalysis) -> None:
     with np.errstate(divide="raise", invalid="raise"):
         assert weight_factor(shape, 0.0, 0.1) == REFINEMENT.max_factor
 
 
-def test_places_and_eigenfunctions_are_in_one_scale(shape: ShapeAnalysis) -> None:
+def test_places_and_eigenfunctions_have_the_same_scale(shape: ShapeAnalysis) -> None:
     # Neighbours on the surface are equally far apart in both.
     a, b = shape.mesh.triangles[:, 0], shape.mesh.triangles[:, 1]
     aligned = Alignment(shape.mesh.vertices, 0 * shape.mesh.vertex_normals)
@@ -71,7 +71,7 @@ def test_places_and_eigenfunctions_are_in_one_scale(shape: ShapeAnalysis) -> Non
     np.testing.assert_allclose(quarter[:, 30:33], both[:, 30:33] / 2)
 
 
-def test_normals_tell_the_two_sides_of_a_limb_apart(shape: ShapeAnalysis) -> None:
+def test_normals_distinguish_the_two_sides_of_a_limb(shape: ShapeAnalysis) -> None:
     rows = np.zeros((len(shape.mesh.vertices), 1))
     normals = shape.mesh.vertex_normals
     aligned = Alignment(shape.mesh.vertices, -normals)
@@ -82,13 +82,13 @@ def test_normals_tell_the_two_sides_of_a_limb_apart(shape: ShapeAnalysis) -> Non
     assert np.median(off) < 0.3  # but not far away
 
 
-def test_the_nearest_vertex_is_found_around_the_nearest_sample(shape: ShapeAnalysis) -> None:
+def test_nearest_vertex_is_found_near_the_nearest_sample(shape: ShapeAnalysis) -> None:
     queries = shape.mesh.vertices + np.random.default_rng(0).normal(scale=0.01, size=shape.mesh.vertices.shape)
     exact = np.linalg.norm(queries[:, None] - shape.mesh.vertices, axis=2).argmin(axis=1)
     assert (_nearest_near_samples(queries, shape.mesh.vertices, shape) == exact).mean() > 0.99
 
 
-def test_images_are_smoothed_over_a_width_and_what_is_thinner_comes_from_the_target(shape: ShapeAnalysis) -> None:
+def test_alignment_smooths_images_over_its_width(shape: ShapeAnalysis) -> None:
     noise = np.random.default_rng(0).normal(scale=0.05, size=shape.mesh.vertices.shape)
     images = shape.basis.coefficients(shape.mesh.vertices + noise)
     off = [
@@ -98,7 +98,7 @@ def test_images_are_smoothed_over_a_width_and_what_is_thinner_comes_from_the_tar
     assert off[1] < 0.8 * off[0]
 
 
-def test_a_few_vertices_are_aligned_as_they_are_among_all(shape: ShapeAnalysis) -> None:
+def test_aligning_few_vertices_agrees_with_aligning_all(shape: ShapeAnalysis) -> None:
     images = shape.basis.coefficients(shape.mesh.vertices @ Rotation.from_rotvec([0, 0, 1.0]).as_matrix().T)
     some = np.array([3, 77, 400])
     whole, few = align(images, shape, 0.08, False), align(images, shape, 0.08, False, some)
@@ -106,7 +106,7 @@ def test_a_few_vertices_are_aligned_as_they_are_among_all(shape: ShapeAnalysis) 
     np.testing.assert_allclose(few.normals, whole.normals[some])
 
 
-def test_a_candidate_becomes_a_dense_map_that_is_finer_and_no_larger_than_the_mesh_resolves() -> None:
+def test_refined_map_is_finer_and_limited_by_the_mesh_resolution() -> None:
     source, target = creature(600, seed=0), creature(560, seed=1, bend=0.4)
     shapes = [analyse(one.surface.working.part(0)[0], 100, 300, 0) for one in (source, target)]
     C = functional_map_of(true_vertex(source, target), shapes[0].basis, shapes[1].basis, 10, 10)

@@ -43,14 +43,14 @@ def assert_equal(found: zo.MatchResult, expected: zo.MatchResult) -> None:
     assert (found.certainty, found.notes, found.chosen) == (expected.certainty, expected.notes, expected.chosen)
 
 
-def test_a_saved_result_is_the_same_and_has_its_other_candidates(result: zo.MatchResult, tmp_path: Path) -> None:
+def test_saved_result_keeps_its_map_and_candidates(result: zo.MatchResult, tmp_path: Path) -> None:
     result.save(tmp_path / "result.npz")
     loaded = zo.load_result(tmp_path / "result.npz")
     assert_equal(loaded, result)
     assert_equal(loaded.use(1), result.use(1))
 
 
-def test_doubts_count_by_area_not_by_vertices(result: zo.MatchResult) -> None:
+def test_doubtful_share_is_measured_by_area(result: zo.MatchResult) -> None:
     areas = result.target.vertex_areas
     small = areas < np.quantile(areas, 0.8)
     uncertain = replace(result, confidence=np.where(small, 0.2, 0.9))
@@ -58,9 +58,7 @@ def test_doubts_count_by_area_not_by_vertices(result: zo.MatchResult) -> None:
     assert uncertain.faults.doubtful < small.mean() - 0.05
 
 
-def test_a_part_that_tears_cut_off_is_not_trusted_and_reported_as_torn(
-    result: zo.MatchResult, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_part_cut_off_by_tears_is_reported_as_torn(result: zo.MatchResult, monkeypatch: pytest.MonkeyPatch) -> None:
     upper = result.target.vertices[:, 2] > np.quantile(result.target.vertices[:, 2], 0.8)
     share, connected = result.target.share_of_area(upper), np.where(upper, 0.1, 0.9)
     untorn = np.zeros(len(upper), dtype=bool)
@@ -111,7 +109,7 @@ def test_certainty_decreases_with_loose_parts_of_unknown_place(
     assert found.use(0).certainty == pytest.approx(certainty * (1 - share * is_lost))
 
 
-def test_a_symmetric_match_is_of_one_surface_when_it_is_read_again(tmp_path: Path) -> None:
+def test_loaded_self_match_has_one_surface(tmp_path: Path) -> None:
     surface = creature(300).surface
     zo.match(surface, surface, **OPTIONS).save(tmp_path / "result.npz")
     loaded = zo.load_result(tmp_path / "result.npz")
@@ -119,7 +117,7 @@ def test_a_symmetric_match_is_of_one_surface_when_it_is_read_again(tmp_path: Pat
 
 
 @pytest.mark.slow
-def test_the_map_of_a_part_is_saved_as_well(tmp_path: Path) -> None:
+def test_part_match_survives_saving(tmp_path: Path) -> None:
     whole = creature(700).surface
     inside = whole.vertices[:, 2] > np.quantile(whole.vertices[:, 2], 0.3)
     faces = whole.triangles[inside[whole.triangles].all(axis=1)]
@@ -132,7 +130,7 @@ def test_the_map_of_a_part_is_saved_as_well(tmp_path: Path) -> None:
     assert_equal(loaded.use(0), found.use(0))
 
 
-def test_what_is_no_saved_result_is_refused_in_a_sentence(result: zo.MatchResult, tmp_path: Path) -> None:
+def test_files_that_are_no_saved_result_are_refused(result: zo.MatchResult, tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError):
         zo.load_result(tmp_path / "none.npz")
     np.savez(tmp_path / "other.npz", triangle=np.zeros(3))

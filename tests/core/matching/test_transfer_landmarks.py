@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Landmarks arrive on the right place and side of the target, whatever its placement and unit."""
+"""Landmarks arrive on the right place and side of the target, at any placement and unit."""
 
 from __future__ import annotations
 
@@ -42,9 +42,7 @@ def result(source: Surface, target: Surface) -> MatchResult:
     return zo.match(source, target, **FAST)
 
 
-def test_landmarks_are_more_exact_than_the_map_and_on_the_side_that_they_were_on(
-    source: Surface, target: Surface, result: MatchResult
-) -> None:
+def test_landmarks_beat_the_map_and_stay_on_their_side(source: Surface, target: Surface, result: MatchResult) -> None:
     for wall in range(2):
         numbers = wall * COUNT + farthest_points(source.vertices[:COUNT], 20)
         found = zo.transfer_landmarks(result, source.vertices[numbers])
@@ -111,7 +109,7 @@ def test_a_bent_warp_has_little_confidence(source: Surface, result: MatchResult)
         assert zo.transfer_landmarks(result, points).confidence.max() < 0.01 * confidence.max()
 
 
-def test_shapes_that_no_smooth_deformation_relates_follow_the_map(
+def test_landmarks_follow_the_map_without_a_smooth_deformation(
     source: Surface, target: Surface, result: MatchResult
 ) -> None:
     with retune(LANDMARK_TRANSFER, smooth=0.0):
@@ -122,7 +120,7 @@ def test_shapes_that_no_smooth_deformation_relates_follow_the_map(
 
 
 @pytest.mark.slow
-def test_vertex_numbers_stand_for_their_places(source: Surface, result: MatchResult) -> None:
+def test_vertex_numbers_and_positions_give_the_same_landmarks(source: Surface, result: MatchResult) -> None:
     found, same = (zo.transfer_landmarks(result, each) for each in ([3, 90], source.vertices[[3, 90]]))
     assert found.points.tolist() == same.points.tolist()
     with pytest.raises(ValueError, match="Landmarks on the source must be vertex numbers"):
@@ -131,7 +129,7 @@ def test_vertex_numbers_stand_for_their_places(source: Surface, result: MatchRes
         zo.transfer_landmarks(result, [[0.0, 0, 90]])
 
 
-def test_the_wall_of_a_cavity_faces_into_it(source: Surface) -> None:
+def test_normals_of_a_cavity_point_into_it(source: Surface) -> None:
     mesh = source.working
     normals = outward_normals(mesh)
     assert np.einsum("nx,nx->n", normals[mesh.component == 0], mesh.vertex_normals[mesh.component == 0]).min() > 0.99

@@ -43,7 +43,7 @@ def rigid_part(symmetry: zo.Symmetry, made: Shaped) -> tuple[np.ndarray, float]:
     return U @ Vt, float(off)
 
 
-def test_the_reflection_of_a_posed_creature_is_found_and_exact(reflection: zo.Symmetry, bent: Creature) -> None:
+def test_reflection_of_a_posed_creature_is_exact(reflection: zo.Symmetry, bent: Creature) -> None:
     assert reflection.reverses_orientation
     assert reflection.order == 2
     assert reflection.certainty > 0.9
@@ -53,7 +53,7 @@ def test_the_reflection_of_a_posed_creature_is_found_and_exact(reflection: zo.Sy
     assert error.mean() < 0.03
 
 
-def test_a_reflection_undoes_itself(reflection: zo.Symmetry, bent: Creature) -> None:
+def test_reflection_is_an_involution(reflection: zo.Symmetry, bent: Creature) -> None:
     places = bent.surface.vertices
     there = reflection.surface_map
     missed = np.linalg.norm(there.interpolate(there.interpolate(places)) - places, axis=1) / np.sqrt(bent.surface.area)
@@ -64,7 +64,7 @@ def test_a_reflection_undoes_itself(reflection: zo.Symmetry, bent: Creature) -> 
     assert reflection.scores["low commutativity"] < 0.5
 
 
-def test_sides_are_the_creatures_own(reflection: zo.Symmetry, bent: Creature) -> None:
+def test_sides_are_the_true_left_and_right(reflection: zo.Symmetry, bent: Creature) -> None:
     x = bent.directions[:, 0]
     clear = np.abs(x) > 0.1
     np.testing.assert_array_equal(reflection.sides()[clear], np.sign(x[clear]))
@@ -74,7 +74,7 @@ def test_sides_are_the_creatures_own(reflection: zo.Symmetry, bent: Creature) ->
     assert np.abs(x[middle]).max() < 0.2
 
 
-def test_the_line_goes_once_around_between_the_sides(reflection: zo.Symmetry, bent: Creature) -> None:
+def test_symmetry_line_is_a_closed_loop_between_the_sides(reflection: zo.Symmetry, bent: Creature) -> None:
     line = reflection.line
     directions = bent.directions[line.edges].mean(axis=1)
     assert np.abs(directions[:, 0]).max() < 0.1
@@ -86,7 +86,7 @@ def test_the_line_goes_once_around_between_the_sides(reflection: zo.Symmetry, be
     assert step.max() < 0.5
 
 
-def test_nothing_depends_on_unit_place_or_order(reflection: zo.Symmetry, bent: Creature) -> None:
+def test_detection_does_not_depend_on_unit_place_or_order(reflection: zo.Symmetry, bent: Creature) -> None:
     order = np.random.default_rng(0).permutation(len(bent.directions))
     number = np.argsort(order)
     turn = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
@@ -98,7 +98,7 @@ def test_nothing_depends_on_unit_place_or_order(reflection: zo.Symmetry, bent: C
 
 
 @pytest.mark.slow
-def test_a_vase_has_its_three_symmetries_first() -> None:
+def test_three_symmetries_of_a_vase_rank_first() -> None:
     vase = shape(VASE, 2500, seed=1)
     found = zo.detect_symmetry(vase.surface)
     diagonals = set()
@@ -114,7 +114,7 @@ def test_a_vase_has_its_three_symmetries_first() -> None:
 @pytest.mark.parametrize(
     ("figure", "orders"), [(TABLE, [2, 2, 2, 2, 2, 4, 4]), (STARFISH, [2, 2, 2, 2, 2, 5, 5, 5, 5])]
 )
-def test_all_turns_and_reflections_of_round_things_are_found(figure: Figure, orders: list[int]) -> None:
+def test_all_rotations_and_reflections_are_found(figure: Figure, orders: list[int]) -> None:
     made = shape(figure, 2000, seed=1)
     found = zo.detect_symmetry(made.surface, most=20)
     assert sorted(symmetry.order for symmetry in found[: len(orders)]) == orders
@@ -125,7 +125,7 @@ def test_all_turns_and_reflections_of_round_things_are_found(figure: Figure, ord
 
 @pytest.mark.slow(but=1)
 @pytest.mark.parametrize("seed", [1, 3])
-def test_the_reflection_of_a_coarse_mesh_with_thin_limbs_is_known_to_lead_back(seed: int) -> None:
+def test_reflection_of_coarse_thin_limbs_has_order_two(seed: int) -> None:
     made = creature(2000, seed, bend=0.7)
     found = zo.detect_symmetry(made.surface)[0]
     error = zo.geodesic_error(
@@ -145,7 +145,7 @@ def test_a_half_turn_alone_has_no_sides() -> None:
     assert all(symmetry.certainty < found[0].certainty for symmetry in found[1:])
 
 
-def test_reflections_come_before_turns_that_are_as_sure() -> None:
+def test_reflections_rank_before_equally_certain_rotations() -> None:
     box = trimesh.creation.box(extents=(1.0, 0.7, 0.4)).subdivide().subdivide().subdivide()
     found = zo.detect_symmetry(Surface(box.vertices, box.faces))
     assert min(symmetry.certainty for symmetry in found[:7]) > 0.98
@@ -154,7 +154,7 @@ def test_reflections_come_before_turns_that_are_as_sure() -> None:
 
 
 @pytest.mark.slow
-def test_eyes_change_places_and_a_nose_stays(bent: Creature) -> None:
+def test_eyes_are_swapped_and_the_nose_maps_to_itself(bent: Creature) -> None:
     ball = trimesh.creation.icosphere(subdivisions=2)
     at = np.array([[0.45, -0.75, 0.35], [-0.45, -0.75, 0.35], [0, -0.85, 0.1]])
     points = [bent.surface.vertices, *(0.12 * ball.vertices + centre for centre in at)]
@@ -176,7 +176,7 @@ def test_eyes_change_places_and_a_nose_stays(bent: Creature) -> None:
 
 @pytest.mark.slow(but=1)
 @pytest.mark.parametrize("axis", [0, 1])
-def test_of_a_bodys_symmetries_those_come_first_that_pair_its_loose_parts(axis: int) -> None:
+def test_symmetries_that_pair_loose_parts_rank_first(axis: int) -> None:
     body = trimesh.creation.box(extents=(1.0, 0.7, 0.4)).subdivide().subdivide().subdivide()
     ball = trimesh.creation.icosphere(subdivisions=2, radius=0.15)
     at = np.array([[0.3, 0.2, 0.4], [0.3, 0.2, 0.4]])
@@ -190,7 +190,7 @@ def test_of_a_bodys_symmetries_those_come_first_that_pair_its_loose_parts(axis: 
     assert np.linalg.norm(off, axis=1).mean() < 0.02
 
 
-def test_detection_tells_how_far_it_is_and_can_be_cancelled(bent: Creature) -> None:
+def test_detection_reports_progress_and_can_be_cancelled(bent: Creature) -> None:
     _, reports = reports_of(lambda: zo.detect_symmetry(bent.surface))
     fractions = [report.fraction for report in reports]
     assert all(a <= b for a, b in pairwise(fractions))
@@ -207,13 +207,13 @@ def test_detection_tells_how_far_it_is_and_can_be_cancelled(bent: Creature) -> N
 
 
 @pytest.mark.parametrize("wrong", [{"most": 0}, {"left": (0, 0, 0)}, {"left": (1, 0)}, {"k_final": 1}])
-def test_what_makes_no_sense_is_refused(bent: Creature, wrong: dict) -> None:
+def test_invalid_options_are_refused(bent: Creature, wrong: dict) -> None:
     with pytest.raises(ValueError, match=next(iter(wrong))):
         zo.detect_symmetry(bent.surface, **wrong)
 
 
 @pytest.mark.slow
-def test_people_and_animals_are_mirrored(benchmark_data) -> None:
+def test_reflections_of_people_and_animals_are_found(benchmark_data) -> None:
     for folder, name in (("faust_r", "tr_reg_004"), ("tosca_r", "horse6")):
         with np.load(benchmark_data / folder / "correspondence.npz") as file:
             known = file[name], file[f"{name}.sym"]
@@ -221,7 +221,7 @@ def test_people_and_animals_are_mirrored(benchmark_data) -> None:
         assert 1000 * zo.geodesic_error(zo.detect_symmetry(surface)[0].surface_map, surface, *known).mean() < 60
 
 
-def test_tips_are_paired_there_and_back() -> None:
+def test_pairing_of_tips_must_be_mutual() -> None:
     tips = np.arange(4)
     assert _there_and_back(tips, np.array([1, 0, 2, 3]))
     assert not _there_and_back(tips, np.array([1, 2, 0, 3]))

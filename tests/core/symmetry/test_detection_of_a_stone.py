@@ -32,7 +32,7 @@ def about_z(angle: float) -> np.ndarray:
     return np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1]])
 
 
-def turned(angle: float) -> Surface:
+def rotated_stone(angle: float) -> Surface:
     """The stone, rotated about z."""
     straight = stone(EVEN)
     return straight.with_vertices(straight.vertices @ about_z(angle).T)
@@ -43,7 +43,7 @@ def found() -> tuple[zo.Symmetry, ...]:
     return zo.detect_symmetry(stone(EVEN), **SMALL)
 
 
-def test_the_mirror_of_a_mesh_that_has_it_is_exact_and_the_only_one(found: tuple[zo.Symmetry, ...]) -> None:
+def test_exact_mirror_is_the_only_symmetry(found: tuple[zo.Symmetry, ...]) -> None:
     (mirror,) = found
     places = mirror.surface.vertices
     np.testing.assert_allclose(mirror.surface_map.interpolate(places), places * MIRROR, atol=1e-4)
@@ -53,30 +53,30 @@ def test_the_mirror_of_a_mesh_that_has_it_is_exact_and_the_only_one(found: tuple
     assert mirror.confidence.min() > 0.9
 
 
-def test_what_lies_to_the_left_is_left(found: tuple[zo.Symmetry, ...]) -> None:
+def test_sides_are_the_signs_of_x(found: tuple[zo.Symmetry, ...]) -> None:
     x = EVEN[:, 0]
     np.testing.assert_array_equal(found[0].sides(1e-6), np.where(np.abs(x) < 1e-9, 0, np.sign(x)))
 
 
 @pytest.mark.parametrize("angle", [-1.0, 1.0])
-def test_left_is_along_x(angle: float) -> None:
-    (mirror,) = zo.detect_symmetry(turned(angle), **SMALL)
+def test_left_is_along_x_at_any_rotation(angle: float) -> None:
+    (mirror,) = zo.detect_symmetry(rotated_stone(angle), **SMALL)
     assert mirror.notes == ()
     np.testing.assert_array_equal(mirror.sides()[CLEAR], np.sign(EVEN[CLEAR, 0]))
 
 
-def test_an_axis_of_any_length_may_be_given() -> None:
-    (mirror,) = zo.detect_symmetry(turned(2.0), left=-3 * about_z(2.0)[:, 0], **SMALL)
+def test_left_axis_may_have_any_length() -> None:
+    (mirror,) = zo.detect_symmetry(rotated_stone(2.0), left=-3 * about_z(2.0)[:, 0], **SMALL)
     np.testing.assert_array_equal(mirror.sides()[CLEAR], -np.sign(EVEN[CLEAR, 0]))
 
 
-def test_an_axis_in_the_mirror_is_no_help() -> None:
-    (mirror,) = zo.detect_symmetry(turned(1.0), left=about_z(1.0)[:, 1], **SMALL)
+def test_left_axis_within_the_mirror_plane_is_reported() -> None:
+    (mirror,) = zo.detect_symmetry(rotated_stone(1.0), left=about_z(1.0)[:, 1], **SMALL)
     assert "hardly separates left from right" in mirror.notes[0]
     assert mirror.has_sides
 
 
-def test_on_a_mesh_that_has_no_mirror_it_leads_back_all_the_same() -> None:
+def test_mirror_on_an_asymmetric_mesh_is_an_involution() -> None:
     places = EVEN + 0.02 * np.random.default_rng(0).normal(size=EVEN.shape)
     mesh = stone(places / np.linalg.norm(places, axis=1, keepdims=True))
     mirror = zo.detect_symmetry(mesh, **SMALL)[0]
@@ -87,7 +87,7 @@ def test_on_a_mesh_that_has_no_mirror_it_leads_back_all_the_same() -> None:
     assert mirror.return_error < 0.004
 
 
-def test_a_shape_is_analysed_once_and_says_how_far_it_is() -> None:
+def test_shape_is_analysed_once_and_reports_progress() -> None:
     mesh = stone(EVEN)
     found, reports = reports_of(lambda: main_shape(mesh))
     fractions = [report.fraction for report in reports]
@@ -100,7 +100,7 @@ def test_a_shape_is_analysed_once_and_says_how_far_it_is() -> None:
     assert sum(0.041 < fraction < 1 for fraction in fractions) > 2
 
 
-def test_progress_never_goes_back_and_tells_of_all_parts() -> None:
+def test_progress_never_falls_and_covers_all_stages() -> None:
     fractions = fractions_of(lambda: detect.detect_symmetry(stone(EVEN), **SMALL))
     assert fractions == sorted(fractions)
     assert (fractions[0], fractions[-1]) == (0, 1)
@@ -111,7 +111,7 @@ def test_progress_never_goes_back_and_tells_of_all_parts() -> None:
 # --- choice of the body and of its symmetries ----------------------------------------------------------------
 
 
-def chosen(
+def certainties_found(
     monkeypatch: pytest.MonkeyPatch, bodies: list[tuple[float, list[float]]], **options: int
 ) -> tuple[list[float], int]:
     """Certainties of the returned symmetries of bodies with given coverages and candidates, and the number analysed."""
@@ -135,19 +135,19 @@ def chosen(
     return [one.certainty for one in result], len(analysed)
 
 
-def test_a_sure_body_is_enough_and_else_the_better_one_counts(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert chosen(monkeypatch, [(1.0, [0.99]), (1.0, [0.999])]) == ([0.99], 1)
-    assert chosen(monkeypatch, [(1.0, [0.3]), (1.0, [0.9])]) == ([0.9], 2)
-    assert chosen(monkeypatch, [(1.0, [0.5]), (1.0, [0.2])]) == ([0.5], 2)
-    assert chosen(monkeypatch, [(1.0, []), (1.0, [0.2])]) == ([0.2], 2)
-    assert chosen(monkeypatch, [(1.0, []), (1.0, [])]) == ([], 2)
+def test_certain_body_suffices_otherwise_the_better_one_wins(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert certainties_found(monkeypatch, [(1.0, [0.99]), (1.0, [0.999])]) == ([0.99], 1)
+    assert certainties_found(monkeypatch, [(1.0, [0.3]), (1.0, [0.9])]) == ([0.9], 2)
+    assert certainties_found(monkeypatch, [(1.0, [0.5]), (1.0, [0.2])]) == ([0.5], 2)
+    assert certainties_found(monkeypatch, [(1.0, []), (1.0, [0.2])]) == ([0.2], 2)
+    assert certainties_found(monkeypatch, [(1.0, []), (1.0, [])]) == ([], 2)
 
 
-def test_the_first_is_returned_however_unlikely_and_others_only_if_they_are_not(
+def test_first_symmetry_is_always_returned_others_if_likely(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    assert chosen(monkeypatch, [(1.0, [0.01, 0.009])])[0] == [0.01]
-    assert chosen(monkeypatch, [(1.0, [0.9, 0.5, 0.06, 0.04])])[0] == [0.9, 0.5, 0.06]
+    assert certainties_found(monkeypatch, [(1.0, [0.01, 0.009])])[0] == [0.01]
+    assert certainties_found(monkeypatch, [(1.0, [0.9, 0.5, 0.06, 0.04])])[0] == [0.9, 0.5, 0.06]
     many = list(np.linspace(0.9, 0.5, 20))
-    assert chosen(monkeypatch, [(1.0, many)])[0] == many[:8]
-    assert chosen(monkeypatch, [(1.0, many)], most=3)[0] == many[:3]
+    assert certainties_found(monkeypatch, [(1.0, many)])[0] == many[:8]
+    assert certainties_found(monkeypatch, [(1.0, many)], most=3)[0] == many[:3]

@@ -19,23 +19,23 @@ PAIRS = [
 
 
 @pytest.mark.parametrize(("left", "right"), [*PAIRS, *(pair[::-1] for pair in PAIRS)])
-def test_both_sides_have_each_others_names(left: str, right: str) -> None:
+def test_names_of_both_sides_are_flipped_into_each_other(left: str, right: str) -> None:
     assert flip_name(left) == right
 
 
 @pytest.mark.parametrize("name", ["", "L", ".L", "spine", "brightness", "Left", "arm.L.upper", "arm.L001", "arm.L.a4"])
-def test_what_has_no_side_keeps_its_name(name: str) -> None:
+def test_name_without_a_side_is_unchanged(name: str) -> None:
     assert flip_name(name) == name
 
 
-def test_numbers_stay_unless_they_are_stripped() -> None:
+def test_number_suffix_is_kept_unless_stripped() -> None:
     assert flip_name("Arm.L.004") == "Arm.R.004"
     assert flip_name("Arm.L.4") == "Arm.R.4"
     assert flip_name("Arm.L.004", strip_digits=True) == "Arm.R"
     assert flip_name("spine.004", strip_digits=True) == "spine"
 
 
-IN_THE_MIDST = [
+INFIXES = [
     ("mixamorig:LeftArm", "mixamorig:RightArm"),
     ("Bip01 L Thigh", "Bip01 R Thigh"),
     ("J_Bip_L_UpperArm", "J_Bip_R_UpperArm"),
@@ -45,8 +45,8 @@ IN_THE_MIDST = [
 ]
 
 
-@pytest.mark.parametrize(("left", "right"), IN_THE_MIDST)
-def test_a_side_in_the_midst_of_a_name_counts_if_there_is_the_other_one(left: str, right: str) -> None:
+@pytest.mark.parametrize(("left", "right"), INFIXES)
+def test_side_inside_a_name_counts_if_the_partner_exists(left: str, right: str) -> None:
     assert (partner_of(left, {left, right}), partner_of(right, {left, right})) == (right, left)
     assert partner_of(left, {left}) == left
 

@@ -39,7 +39,7 @@ def mirror() -> SelfMap:
     return egg()
 
 
-def test_frames_of_an_exact_mirror_are_that_mirror(mirror: SelfMap) -> None:
+def test_frames_of_an_exact_mirror_equal_the_mirror(mirror: SelfMap) -> None:
     found = frames(mirror)
     np.testing.assert_allclose(found @ found.transpose(0, 2, 1), np.broadcast_to(np.eye(3), found.shape), atol=1e-9)
     np.testing.assert_allclose(np.linalg.det(found), -1)
@@ -48,15 +48,15 @@ def test_frames_of_an_exact_mirror_are_that_mirror(mirror: SelfMap) -> None:
     assert off.max() < 0.5
 
 
-def turned_about(mirror: SelfMap) -> tuple[SelfMap, np.ndarray]:
+def half_turn_symmetry(mirror: SelfMap) -> tuple[SelfMap, np.ndarray]:
     """The half turn of the egg about z to the nearest points, and its diagonal (3,)."""
     half_turn = np.array([-1.0, -1, 1])
     there = nearest_map(mirror.surface.vertices * half_turn, mirror.surface)
     return replace(mirror, surface_map=there, reverses_orientation=False), half_turn
 
 
-def test_frames_of_a_half_turn_are_that_turn_and_it_leaves_little_asymmetry(mirror: SelfMap) -> None:
-    symmetry, half_turn = turned_about(mirror)
+def test_frames_of_a_half_turn_equal_the_half_turn(mirror: SelfMap) -> None:
+    symmetry, half_turn = half_turn_symmetry(mirror)
     found = frames(symmetry)
     np.testing.assert_allclose(np.linalg.det(found), 1)
     off = np.linalg.norm(found - np.diag(half_turn), axis=(1, 2))
@@ -64,10 +64,8 @@ def test_frames_of_a_half_turn_are_that_turn_and_it_leaves_little_asymmetry(mirr
     assert np.median(shape_asymmetry(symmetry)) < 0.02
 
 
-def test_candidates_that_keep_the_orientation_are_told_from_those_that_reverse_it(
-    mirror: SelfMap, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    shape, (symmetry, _) = mirror.shape, turned_about(mirror)
+def test_candidates_that_reverse_orientation_are_recognised(mirror: SelfMap, monkeypatch: pytest.MonkeyPatch) -> None:
+    shape, (symmetry, _) = mirror.shape, half_turn_symmetry(mirror)
     images = mirror.surface_map.vertex, symmetry.surface_map.vertex, np.arange(len(EVEN))
     hypotheses = [Hypothesis("", functional_map_of(image, shape.basis, shape.basis, 20, 20)) for image in images]
     monkeypatch.setattr(detect, "GENERATORS", (lambda _: hypotheses,))
@@ -81,7 +79,7 @@ def test_candidates_that_keep_the_orientation_are_told_from_those_that_reverse_i
     assert sorted(reached) == [(False, (-1, -1, 1)), (True, (-1, 1, 1))]
 
 
-def test_vertices_of_no_face_turn_as_the_nearest_ones_do_wherever_others_are(mirror: SelfMap) -> None:
+def test_unused_vertices_take_the_frame_of_the_nearest_vertex(mirror: SelfMap) -> None:
     near, surface = np.array([3, 70]), mirror.surface
     # Uneven, so that frames differ between vertices.
     uneven = surface.vertices * (1 + 0.3 * EVEN[:, :1] * EVEN[:, 1:2])
@@ -100,7 +98,7 @@ def test_vertices_of_no_face_turn_as_the_nearest_ones_do_wherever_others_are(mir
     assert np.linalg.norm(found[:-3] - found[near[0]], axis=(1, 2)).max() > 0.05
 
 
-def test_displacements_are_mirrored_and_each_direction_takes_its_side(mirror: SelfMap) -> None:
+def test_displacements_are_mirrored_in_every_direction(mirror: SelfMap) -> None:
     offsets = np.random.default_rng(0).normal(size=(len(EVEN), 1)) * EVEN + [0.1, 0.2, -0.3]
     truth = (offsets * MIRROR)[mirrored_vertex(mirror.surface)]
     other = mirror_offsets(offsets, mirror)
@@ -113,7 +111,7 @@ def test_displacements_are_mirrored_and_each_direction_takes_its_side(mirror: Se
     np.testing.assert_allclose(symmetrise_offsets(offsets, mirror, "exchange"), other)
 
 
-def test_a_dent_is_as_deep_as_it_is_and_on_both_sides_in_the_surface_s_unit() -> None:
+def test_asymmetry_of_a_dent_is_its_depth_on_both_sides() -> None:
     for scale in (1.0, 100.0):
         even = egg(scale)
         assert shape_asymmetry(even).max() < 1e-3 * scale
@@ -128,7 +126,7 @@ def test_a_dent_is_as_deep_as_it_is_and_on_both_sides_in_the_surface_s_unit() ->
         assert np.median(heat[(near > 0.9) & (mirrored > 0.9)]) < 0.1 * dent.max()
 
 
-def test_energies_are_those_of_the_whole_and_of_the_low_block() -> None:
+def test_isometry_errors_cover_the_whole_map_and_its_low_block() -> None:
     eigenvalues = np.arange(40.0)
     exact = isometry_errors(np.eye(40), eigenvalues)
     assert max(exact.values()) < 1e-9
@@ -161,31 +159,31 @@ CORNERS = SURFACE.vertices[SURFACE.corner_vertex, :2]
 LEFT = (SURFACE.vertices[SURFACE.corner_vertex].reshape(-1, 4, 3).mean(axis=1)[:, 0] > 0).repeat(4)
 
 
-def laid(values: np.ndarray, layout: str, direction: str = "left_to_right") -> np.ndarray:
+def symmetric_uvs(values: np.ndarray, layout: str, direction: str = "left_to_right") -> np.ndarray:
     attribute = zo.Attribute("UVMap", zo.Domain.CORNER, zo.Kind.UV, values)
     return symmetrise_uv(attribute, SYMMETRY, direction, layout).values  # type: ignore[arg-type]
 
 
-def test_over_puts_each_side_where_the_other_one_is() -> None:
+def test_over_layout_places_one_side_over_the_other() -> None:
     own = np.where(LEFT[:, None], CORNERS / 5, CORNERS / 7 + 3)
-    np.testing.assert_allclose(laid(own, "over"), CORNERS * np.where(LEFT[:, None], 1, [-1, 1]) / 5, atol=1e-9)
-    found = laid(own, "over", "right_to_left")
+    np.testing.assert_allclose(symmetric_uvs(own, "over"), CORNERS * np.where(LEFT[:, None], 1, [-1, 1]) / 5, atol=1e-9)
+    found = symmetric_uvs(own, "over", "right_to_left")
     np.testing.assert_allclose(found, CORNERS * np.where(LEFT[:, None], [-1, 1], 1) / 7 + 3, atol=1e-9)
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.7, 2.0])
 @pytest.mark.parametrize("flip", [1, -1])
-def test_a_side_that_has_the_same_layout_elsewhere_keeps_it_there(turn: float, flip: int) -> None:
+def test_side_with_the_same_layout_elsewhere_stays_there(turn: float, flip: int) -> None:
     # The right layout is the left one, rotated, halved in size, perhaps mirrored, and moved.
     rotation = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]) @ np.diag([flip, 1])
     there = 0.5 * (CORNERS * [-1, 1]) @ rotation.T + [8, 3]
     own = np.where(LEFT[:, None], CORNERS, there)
-    np.testing.assert_allclose(laid(own, "own"), own, atol=1e-9)
+    np.testing.assert_allclose(symmetric_uvs(own, "own"), own, atol=1e-9)
     # One corner of the right side was moved by hand.
     moved = own.copy()
     one = np.flatnonzero(~LEFT & (np.abs(CORNERS[:, 0] + 0.8) < 1e-9) & (np.abs(CORNERS[:, 1] - 0.5) < 1e-9))
     moved[one] += 0.05
-    found = laid(moved, "own")
+    found = symmetric_uvs(moved, "own")
     assert np.abs(found - own).max() < 0.015
 
 
@@ -195,28 +193,28 @@ def test_several_islands_each_keep_their_place() -> None:
     left = CORNERS + np.where(upper, [3, 1], 0)
     right = CORNERS * [-1, 1] + np.where(upper, [9, 5], [9, 0])
     own = np.where(LEFT[:, None], left, right)
-    np.testing.assert_allclose(laid(own, "own"), own, atol=1e-9)
+    np.testing.assert_allclose(symmetric_uvs(own, "own"), own, atol=1e-9)
 
 
-def test_a_face_that_was_torn_off_an_island_comes_back_to_it() -> None:
+def test_face_torn_off_an_island_is_reattached() -> None:
     own = np.where(LEFT[:, None], CORNERS, CORNERS * [-1, 1] + [9, 0])
     torn = own.copy()
     torn[4 * 9 : 4 * 9 + 4] += 50
     assert not LEFT[4 * 9]
-    np.testing.assert_allclose(laid(torn, "own"), own, atol=1e-9)
+    np.testing.assert_allclose(symmetric_uvs(torn, "own"), own, atol=1e-9)
 
 
-def test_an_island_without_an_extent_has_no_place_of_its_own() -> None:
+def test_island_without_extent_is_placed_over_the_other_side() -> None:
     own = np.where(LEFT[:, None], CORNERS, 4.0)
-    np.testing.assert_allclose(laid(own, "own"), laid(own, "over"), atol=1e-9)
+    np.testing.assert_allclose(symmetric_uvs(own, "own"), symmetric_uvs(own, "over"), atol=1e-9)
     small = np.where(LEFT[:, None], CORNERS, 4 + 0.01 * CORNERS * [-1, 1])
-    np.testing.assert_allclose(laid(small, "own"), small, atol=1e-9)
+    np.testing.assert_allclose(symmetric_uvs(small, "own"), small, atol=1e-9)
 
 
-def test_what_an_island_shares_with_the_winning_side_stays_and_holds_the_rest() -> None:
+def test_corners_shared_with_the_winning_side_stay_in_place() -> None:
     # One island on both sides; the right half is stretched away from the line.
     whole = np.column_stack([np.where(CORNERS[:, 0] < 0, 1.3 * CORNERS[:, 0], CORNERS[:, 0]), CORNERS[:, 1]])
-    found = laid(whole, "own")
+    found = symmetric_uvs(whole, "own")
     on_line = np.abs(CORNERS[:, 0]) < 1e-9
     np.testing.assert_allclose(found[on_line], whole[on_line])
     # Corners next to the line stay near it, although the best fit to the rest would move them away.

@@ -29,7 +29,7 @@ from zoomout_core.symmetry.hypotheses import (
 COUNT = 6
 
 
-def prepared(surface: Surface) -> ShapeAnalysis:
+def analyse_surface(surface: Surface) -> ShapeAnalysis:
     return analyse(surface.working, 130, 400, 0)
 
 
@@ -44,7 +44,7 @@ def mirror_of(shape: ShapeAnalysis, places: np.ndarray, triangles: np.ndarray) -
 def animal() -> tuple[ShapeAnalysis, np.ndarray]:
     """A creature, and the functional map of its mirror."""
     made = creature(500)
-    shape = prepared(made.surface)
+    shape = analyse_surface(made.surface)
     return shape, mirror_of(shape, made.directions, made.surface.triangles)
 
 
@@ -55,7 +55,7 @@ def stone() -> tuple[ShapeAnalysis, np.ndarray]:
     _, y, z = places.T
     radius = 1 + 0.25 * z + 0.2 * y * z + 0.15 * y
     surface = Surface(places * radius[:, None] * [1, 0.75, 0.55], ConvexHull(places).simplices)
-    shape = prepared(surface)
+    shape = analyse_surface(surface)
     return shape, mirror_of(shape, places, surface.triangles)
 
 
@@ -86,24 +86,24 @@ def closeness(hypotheses: list[Hypothesis], truth: np.ndarray) -> list[float]:
     ]
 
 
-def test_the_mirror_of_an_animal_is_among_pairings_of_its_tips(animal: tuple[ShapeAnalysis, np.ndarray]) -> None:
+def test_pairings_of_tips_include_the_mirror_of_an_animal(animal: tuple[ShapeAnalysis, np.ndarray]) -> None:
     shape, truth = animal
     assert min(closeness(mirroring_pairings(shape), truth)) < 0.35
 
 
-def test_the_mirror_of_a_stone_is_among_few_blocks(stone: tuple[ShapeAnalysis, np.ndarray]) -> None:
+def test_blocks_include_the_mirror_of_a_stone(stone: tuple[ShapeAnalysis, np.ndarray]) -> None:
     shape, truth = stone
     assert min(closeness(blocks_of_eigenfunctions(shape), truth)) < 0.35
 
 
-def test_pairings_lead_back(animal: tuple[ShapeAnalysis, np.ndarray]) -> None:
+def test_mirroring_pairings_are_nearly_involutions(animal: tuple[ShapeAnalysis, np.ndarray]) -> None:
     shape, _ = animal
     for hypothesis in mirroring_pairings(shape):
         block = hypothesis.functional_map
         assert np.linalg.norm(block @ block - np.eye(len(block))) < np.linalg.norm(np.eye(len(block)))
 
 
-def test_blocks_are_orthogonal_distinct_and_no_more_than_asked_for(animal: tuple[ShapeAnalysis, np.ndarray]) -> None:
+def test_blocks_are_orthogonal_distinct_and_few(animal: tuple[ShapeAnalysis, np.ndarray]) -> None:
     shape, _ = animal
     maps = [hypothesis.functional_map for hypothesis in blocks_of_eigenfunctions(shape)]
     assert 2 <= len(maps) <= 8
@@ -113,7 +113,7 @@ def test_blocks_are_orthogonal_distinct_and_no_more_than_asked_for(animal: tuple
         assert all(np.linalg.norm(one - other) > 0.5 * np.linalg.norm(other) for other in maps[:i])
 
 
-def turned(shape: ShapeAnalysis, angle: float, mirrored: bool = False) -> np.ndarray:
+def rotation_map(shape: ShapeAnalysis, angle: float, mirrored: bool = False) -> np.ndarray:
     """Functional map of a rotation about z, or of a mirror through the z axis."""
     vertices = shape.mesh.vertices
     cosine, sine = np.cos(angle), np.sin(angle)
@@ -124,17 +124,17 @@ def turned(shape: ShapeAnalysis, angle: float, mirrored: bool = False) -> np.nda
 
 @pytest.mark.slow(but=1)
 @pytest.mark.parametrize("sides", [4, 5])
-def test_turns_and_mirrors_of_round_things_are_among_the_blocks(sides: int) -> None:
-    shape = prepared(column(sides))
+def test_blocks_include_rotations_and_mirrors_of_round_shapes(sides: int) -> None:
+    shape = analyse_surface(column(sides))
     maps = blocks_of_eigenfunctions(shape)
     assert 8 < len(maps) <= 12
     for mirrored in (False, True):
-        assert min(closeness(maps, turned(shape, 2 * np.pi / sides, mirrored))) < 0.5
+        assert min(closeness(maps, rotation_map(shape, 2 * np.pi / sides, mirrored))) < 0.5
 
 
-def test_axes_of_a_cube_change_places() -> None:
+def test_blocks_of_a_cube_permute_its_axes() -> None:
     box = trimesh.creation.box().subdivide().subdivide().subdivide()
-    shape = prepared(Surface(box.vertices, box.faces))
+    shape = analyse_surface(Surface(box.vertices, box.faces))
     maps = [hypothesis.functional_map[1:4, 1:4] for hypothesis in blocks_of_eigenfunctions(shape)]
     # In each three-dimensional eigenspace a symmetry of the cube is a signed permutation of the axes.
     axes = np.linalg.lstsq(shape.basis.eigenvectors[:, 1:4], shape.mesh.vertices, rcond=None)[0]
@@ -150,7 +150,7 @@ def test_axes_of_a_cube_change_places() -> None:
 
 
 @pytest.mark.parametrize(("size", "count"), [(1, 2), (2, 16), (3, 48)])
-def test_an_eigenspace_is_mapped_to_itself_in_distinct_ways_half_of_which_mirror(size: int, count: int) -> None:
+def test_choices_for_an_eigenspace_are_distinct_and_half_mirror(size: int, count: int) -> None:
     choices = np.stack(_choices(size))
     assert choices.shape == (count, size, size)
     np.testing.assert_allclose(choices @ choices.transpose(0, 2, 1), np.tile(np.eye(size), (count, 1, 1)), atol=1e-12)
@@ -159,7 +159,7 @@ def test_an_eigenspace_is_mapped_to_itself_in_distinct_ways_half_of_which_mirror
     assert apart[~np.eye(count, dtype=bool)].min() > 0.1
 
 
-def test_descriptors_are_fitted_for_mirrors(stone: tuple[ShapeAnalysis, np.ndarray]) -> None:
+def test_descriptor_fits_are_closer_to_the_mirror(stone: tuple[ShapeAnalysis, np.ndarray]) -> None:
     shape, truth = stone
     found = mirroring_descriptors(shape)
     identity = np.eye(len(truth))
@@ -175,7 +175,7 @@ def test_a_mesh_with_few_functions_has_smaller_blocks(stone: tuple[ShapeAnalysis
     assert all(2 <= len(block) <= 5 for block in maps)
 
 
-def test_turns_are_sought_where_eigenvalues_repeat_and_nowhere_else(
+def test_rotations_are_searched_only_if_eigenvalues_repeat(
     animal: tuple[ShapeAnalysis, np.ndarray], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     shape, _ = animal

@@ -44,7 +44,7 @@ def noisy_mirror(surface: Surface, noise: float) -> SurfaceMap:
 
 
 @pytest.mark.parametrize("thickness", [1.0, 0.05])
-def test_a_noisy_mirror_comes_to_undo_itself_and_stays_on_its_side(thickness: float) -> None:
+def test_noisy_mirror_becomes_an_involution_on_the_same_side(thickness: float) -> None:
     surface = lens(thickness)
     noisy = noisy_mirror(surface, 0.1)
     found = involution(noisy, shape_of(surface))
@@ -58,14 +58,14 @@ def test_a_noisy_mirror_comes_to_undo_itself_and_stays_on_its_side(thickness: fl
     assert (np.sign(image) == np.sign(surface.vertices[:, 2]))[upper].all()
 
 
-def test_the_exact_mirror_stays() -> None:
+def test_exact_mirror_is_unchanged() -> None:
     surface = grid()
     mirror = SurfaceMap.from_vertices(mirrored_vertex(surface), surface)
     found = involution(mirror, shape_of(surface))
     np.testing.assert_allclose(found.interpolate(surface.vertices), surface.vertices * MIRROR, atol=1e-9)
 
 
-def test_the_return_error_is_how_far_off_the_last_of_the_rounds_ends_whatever_the_unit() -> None:
+def test_return_error_is_the_relative_miss_of_the_last_round() -> None:
     surface = grid(12, 12, width=1.0)
     centred = surface.vertices - [0, 0.5, 0]
     quarter = cKDTree(centred).query(centred @ np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1]]))[1]
@@ -79,7 +79,7 @@ def test_the_return_error_is_how_far_off_the_last_of_the_rounds_ends_whatever_th
         assert return_error(turn, 0, scaled) == 0
 
 
-def test_vertices_that_are_nowhere_do_not_count() -> None:
+def test_return_error_ignores_nan_vertices() -> None:
     surface = grid()
     faces = surface.corner_vertex.reshape(-1, 4)
     more = Surface(np.vstack([surface.vertices, [[np.nan] * 3]]), faces)

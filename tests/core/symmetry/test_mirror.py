@@ -31,7 +31,7 @@ def point(values: np.ndarray, kind: zo.Kind = zo.Kind.SCALAR) -> zo.Attribute:
     return zo.Attribute("Values", zo.Domain.POINT, kind, values)
 
 
-def test_a_winning_side_gives_its_weights_to_the_other(reflection: zo.Symmetry, bent: Creature) -> None:
+def test_weights_are_copied_from_the_winning_side(reflection: zo.Symmetry, bent: Creature) -> None:
     truth = true_weights(bent.directions)
     broken = truth.copy()
     broken[bent.directions[:, 0] < 0] = [0, 0, 1]
@@ -46,7 +46,7 @@ def test_a_winning_side_gives_its_weights_to_the_other(reflection: zo.Symmetry, 
     assert np.abs(spoilt[:, 2] - 1).mean() < 0.02
 
 
-def test_the_mean_of_both_sides_keeps_the_limit_of_groups(reflection: zo.Symmetry, bent: Creature) -> None:
+def test_average_of_weights_keeps_the_limit_of_groups(reflection: zo.Symmetry, bent: Creature) -> None:
     truth = true_weights(bent.directions)
     mean = symmetrise(weights_of(truth), reflection, "average")
     assert np.abs(mean.values.toarray() - truth).sum(axis=1).mean() < 0.03
@@ -65,14 +65,14 @@ def test_groups_without_a_partner_get_one(reflection: zo.Symmetry, bent: Creatur
     assert both[:, 0].max() == 0
 
 
-def test_a_name_in_odd_spelling_has_a_partner_all_the_same() -> None:
+def test_oddly_spelled_name_gets_a_partner() -> None:
     flipped = flip_names(weights_of(np.array([[0.5, 0.25]]), ("arm lEFT", "Spine")))
     assert flipped.labels == ("arm lEFT", "Spine", "arm right")
     np.testing.assert_array_equal(flipped.values.toarray(), [[0, 0.25, 0.5]])
     assert with_partners(flipped).labels == flipped.labels
 
 
-def test_vertices_of_no_face_keep_what_they_have(reflection: zo.Symmetry, bent: Creature) -> None:
+def test_unused_vertices_keep_their_values(reflection: zo.Symmetry, bent: Creature) -> None:
     count = len(bent.surface.vertices)
     surface = zo.Surface(np.vstack([bent.surface.vertices, [[9.0, 9, 9], [8.0, 8, 8]]]), bent.surface.triangles)
     triangle = np.append(reflection.surface_map.triangle, [0, 0])
@@ -109,7 +109,7 @@ def test_numbers_colours_and_labels_take_the_winning_side(reflection: zo.Symmetr
         symmetrise(point(label, zo.Kind.LABEL), reflection, "average")
 
 
-def test_a_selection_on_either_side_is_on_both(reflection: zo.Symmetry, bent: Creature) -> None:
+def test_average_of_a_selection_is_on_both_sides(reflection: zo.Symmetry, bent: Creature) -> None:
     x = bent.directions[:, 0]
     selected = point(x > 0.3, zo.Kind.BOOLEAN)
     clear = np.abs(np.abs(x) - 0.3) > 0.1
@@ -119,7 +119,7 @@ def test_a_selection_on_either_side_is_on_both(reflection: zo.Symmetry, bent: Cr
     assert (other == (x < -0.3))[clear].mean() > 0.99
 
 
-def test_faces_and_corners_lie_on_one_side(reflection: zo.Symmetry, bent: Creature) -> None:
+def test_faces_and_corners_take_the_winning_side(reflection: zo.Symmetry, bent: Creature) -> None:
     surface = bent.surface
     x = bent.directions[surface.triangles, 0].mean(axis=1)
     z = bent.directions[surface.triangles, 2].mean(axis=1)
@@ -144,7 +144,7 @@ def test_asymmetry_is_where_the_sides_differ(reflection: zo.Symmetry, bent: Crea
     assert differs[truth[:, 2] > 0.95].mean() < 0.02
 
 
-def test_what_has_no_sides_can_only_be_averaged(reflection: zo.Symmetry, bent: Creature) -> None:
+def test_symmetry_without_sides_can_only_average(reflection: zo.Symmetry, bent: Creature) -> None:
     turn = replace(reflection, distance=np.zeros_like(reflection.distance))
     values = point(np.abs(bent.directions[:, 0]))
     with pytest.raises(zo.MeshError, match="no left and right"):
@@ -154,7 +154,7 @@ def test_what_has_no_sides_can_only_be_averaged(reflection: zo.Symmetry, bent: C
         symmetrise(values, reflection, "both")  # type: ignore[arg-type]
 
 
-def test_sides_change_places(reflection: zo.Symmetry, bent: Creature) -> None:
+def test_exchange_swaps_the_sides(reflection: zo.Symmetry, bent: Creature) -> None:
     x = bent.directions[:, 0]
     clear = np.abs(x) > 0.1
     exchanged = symmetrise(point(x), reflection, "exchange").values
@@ -190,7 +190,7 @@ def length_of(marked: np.ndarray, made: Creature) -> float:
     return float(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).sum())
 
 
-def test_lines_are_drawn_anew_on_the_other_side(reflection: zo.Symmetry, bent: Creature) -> None:
+def test_edge_lines_are_redrawn_on_the_other_side(reflection: zo.Symmetry, bent: Creature) -> None:
     belt, x = ring(bent, 2), bent.directions[bent.surface.edges, 0]
     left, right = x.min(axis=1) > 0.1, x.max(axis=1) < -0.1
     found = symmetrise(marks_of(belt & (x.mean(axis=1) > 0)), reflection).values

@@ -38,7 +38,9 @@ def point(values: np.ndarray, kind: zo.Kind = zo.Kind.SCALAR) -> zo.Attribute:
     ("direction", "on_left", "on_right", "in_middle"),
     [("left_to_right", 1, 0, 0.5), ("right_to_left", 0, 1, 0.5), ("exchange", 0, 0, 0), ("average", 0.5, 0.5, 0.5)],
 )
-def test_each_direction_keeps_its_sides(direction: str, on_left: float, on_right: float, in_middle: float) -> None:
+def test_direction_sets_the_share_of_own_values(
+    direction: str, on_left: float, on_right: float, in_middle: float
+) -> None:
     share = own_share_of(zo.Domain.POINT, SYMMETRY, direction)  # type: ignore[arg-type]
     np.testing.assert_array_equal(share, on_left * LEFT + on_right * RIGHT + in_middle * MIDDLE)
     own = np.random.default_rng(0).random(len(X))
@@ -46,7 +48,7 @@ def test_each_direction_keeps_its_sides(direction: str, on_left: float, on_right
     np.testing.assert_allclose(found, share * own + (1 - share) * own[OTHER], atol=1e-12)
 
 
-def test_faces_and_their_corners_lie_where_their_middle_does_and_edges_likewise() -> None:
+def test_mean_over_vertices_is_that_of_the_element_centre() -> None:
     surface = grid(columns=5, rows=2)  # the middle column of faces straddles the line
     distance = self_map(surface).distance
     middles = surface.vertices[surface.corner_vertex].reshape(-1, 4, 3).mean(axis=1)[:, 0]
@@ -58,7 +60,7 @@ def test_faces_and_their_corners_lie_where_their_middle_does_and_edges_likewise(
     np.testing.assert_allclose(mean_over_vertices(distance, zo.Domain.EDGE, surface), of_edges, atol=1e-12)
 
 
-def test_edges_along_the_line_are_kept_and_no_others() -> None:
+def test_edges_along_the_line_keep_their_own_values() -> None:
     ends = X[SURFACE.edges]
     along = (np.abs(ends) < 1e-9).all(axis=1)
     for direction, side in (("left_to_right", 1), ("right_to_left", -1)):
@@ -68,7 +70,7 @@ def test_edges_along_the_line_are_kept_and_no_others() -> None:
     assert (own_share_of(zo.Domain.EDGE, SYMMETRY, "exchange") == 0).all()
 
 
-def test_edges_beside_the_line_count_as_along_it_if_they_are_long_against_their_distance() -> None:
+def test_long_edges_beside_the_line_count_as_along_it() -> None:
     # The width decides whether edges beside the line are nearer to it than half their length.
     for width, kept in ((0.3, True), (6.0, False)):
         surface = grid(columns=5, rows=2, width=width)
@@ -79,7 +81,7 @@ def test_edges_beside_the_line_count_as_along_it_if_they_are_long_against_their_
         assert (share[beside] == kept).all()
 
 
-def test_labels_come_from_the_one_side_or_the_other() -> None:
+def test_labels_come_from_one_side_and_are_not_averaged() -> None:
     label = np.where(LEFT, "left", np.where(RIGHT, "right", "middle"))
     found = symmetrise(point(label, zo.Kind.LABEL), SYMMETRY, "left_to_right").values
     np.testing.assert_array_equal(found, np.where(MIDDLE, "middle", "left"))
@@ -89,7 +91,7 @@ def test_labels_come_from_the_one_side_or_the_other() -> None:
         symmetrise(point(label, zo.Kind.LABEL), SYMMETRY, "average")
 
 
-def test_marks_and_selections_of_either_side_are_the_mean() -> None:
+def test_average_of_marks_and_selections_is_their_union() -> None:
     mark = np.where(LEFT & (np.arange(len(X)) % 3 == 0), 0.7, np.where(RIGHT & (np.arange(len(X)) % 5 == 0), 0.2, 0))
     found = symmetrise(point(mark, zo.Kind.MARK), SYMMETRY, "average").values
     np.testing.assert_allclose(found, np.maximum(mark, mark[OTHER]), atol=1e-9)
@@ -100,7 +102,7 @@ def test_marks_and_selections_of_either_side_are_the_mean() -> None:
     assert not kinds & {zo.Kind.LABEL, zo.Kind.UV, zo.Kind.QUATERNION}
 
 
-def test_one_side_cannot_give_where_there_are_no_sides() -> None:
+def test_symmetry_without_sides_refuses_one_sided_directions() -> None:
     turn = self_map(SURFACE, distance=0 * X)
     assert not turn.has_sides
     for direction in ("left_to_right", "right_to_left"):
@@ -119,7 +121,7 @@ NAMES = ("Hand.L", "Hand.R", "Spine")
 LOPSIDED = np.column_stack([np.clip(X, 0, 1), np.clip(-X, 0, 1) / 2, 1 - np.clip(X, 0, 1) - np.clip(-X, 0, 1) / 2])
 
 
-def test_weights_change_sides_and_names() -> None:
+def test_mirrored_weights_swap_sides_and_names() -> None:
     flipped = LOPSIDED[OTHER][:, [1, 0, 2]]
     skin = weights(LOPSIDED, NAMES)
     np.testing.assert_allclose(mirror(skin, SYMMETRY).values.toarray(), flipped, atol=1e-9)
@@ -132,7 +134,7 @@ def test_weights_change_sides_and_names() -> None:
     np.testing.assert_allclose(mean, (LOPSIDED + flipped) / 2, atol=1e-9)
 
 
-def test_groups_to_a_vertex_stay_as_few_as_they_were_and_can_be_fewer() -> None:
+def test_groups_per_vertex_do_not_grow_and_can_be_limited() -> None:
     table = np.zeros((len(X), 4))
     table[:, 0] = np.where(LEFT, 0.7, 0.6)
     table[:, 1] = np.where(LEFT, 0.3, 0)
@@ -145,7 +147,7 @@ def test_groups_to_a_vertex_stay_as_few_as_they_were_and_can_be_fewer() -> None:
     assert np.diff(one.indptr).max() == 1
 
 
-def test_a_side_gives_its_weights_to_a_group_that_was_missing() -> None:
+def test_missing_partner_group_receives_mirrored_weights() -> None:
     skin = weights(LOPSIDED[:, [0, 2]], ("Hand.L", "Spine"))
     found = symmetrise(skin, SYMMETRY, "left_to_right")
     assert found.labels == ("Hand.L", "Spine", "Hand.R")
@@ -155,20 +157,20 @@ def test_a_side_gives_its_weights_to_a_group_that_was_missing() -> None:
     np.testing.assert_allclose(found.values.toarray()[RIGHT], mirrored_left[RIGHT], atol=1e-9)
 
 
-def test_where_no_vertex_has_a_weight_none_gets_one() -> None:
+def test_empty_weights_stay_empty() -> None:
     skin = weights(np.zeros((len(X), 2)), ("a", "b"))
     for direction in ("average", "left_to_right"):
         assert symmetrise(skin, SYMMETRY, direction).values.nnz == 0  # type: ignore[arg-type]
 
 
-def test_values_that_are_alike_or_not_differ_if_any_of_their_numbers_does() -> None:
+def test_quaternions_differ_if_any_component_differs() -> None:
     same = np.tile([1.0, 0, 0, 0], (len(X), 1))
     assert not asymmetry(point(same, zo.Kind.QUATERNION), SYMMETRY).any()
     other = np.where(LEFT[:, None], same, [0, 0, 0, 1.0])
     np.testing.assert_array_equal(asymmetry(point(other, zo.Kind.QUATERNION), SYMMETRY), ~MIDDLE)
 
 
-def test_partners_that_are_missing_are_added_once() -> None:
+def test_missing_partners_are_added_once() -> None:
     skin = weights(LOPSIDED[:, [0, 2]], ("Hand.L", "Spine"))
     both = with_partners(skin)
     assert both.labels == ("Hand.L", "Spine", "Hand.R")
@@ -177,7 +179,7 @@ def test_partners_that_are_missing_are_added_once() -> None:
     assert with_partners(skin, others=("Hand.R",)).labels == both.labels
 
 
-def test_asymmetry_is_how_far_values_are_from_the_other_side_s() -> None:
+def test_asymmetry_is_the_distance_to_the_mirrored_value() -> None:
     values = np.random.default_rng(0).random((len(X), 3))
     expected = np.linalg.norm(values - values[OTHER], axis=1)
     np.testing.assert_allclose(asymmetry(point(values, zo.Kind.COLOR), SYMMETRY), expected, atol=1e-12)
@@ -191,7 +193,7 @@ def test_asymmetry_is_how_far_values_are_from_the_other_side_s() -> None:
     np.testing.assert_allclose(both_sides[MIDDLE], 0)
 
 
-def test_vertices_of_no_face_keep_theirs() -> None:
+def test_unused_vertices_keep_their_values() -> None:
     surface = Surface(np.vstack([SURFACE.vertices, [[-3.0, 0, 0]]]), SURFACE.corner_vertex.reshape(-1, 4))
     there = zo.SurfaceMap(
         np.append(SYMMETRY.surface_map.triangle, 0),
@@ -214,7 +216,7 @@ def test_vertices_of_no_face_keep_theirs() -> None:
 # --- sides of displacements ---------------------------------------------------------------------------------
 
 
-def test_a_split_goes_over_smoothly_within_its_blend_and_is_clean_beyond() -> None:
+def test_left_share_is_smooth_within_its_blend_and_hard_beyond() -> None:
     fine = self_map(grid(columns=240, rows=1))
     x, root = fine.surface.vertices[:, 0], np.sqrt(fine.surface.area)
     for blend in (0.02, 0.1):
@@ -236,7 +238,7 @@ def test_a_split_goes_over_smoothly_within_its_blend_and_is_clean_beyond() -> No
     assert ((default > 0) & (default < 1))[np.abs(x) < 0.02 * root].all()
 
 
-def test_the_two_parts_of_a_displacement_are_the_whole() -> None:
+def test_left_and_right_parts_add_up_to_the_displacement() -> None:
     offsets = np.random.default_rng(0).normal(size=(len(X), 3))
     left, right = split_offsets(offsets, SYMMETRY)
     np.testing.assert_allclose(left + right, offsets)
@@ -246,7 +248,7 @@ def test_the_two_parts_of_a_displacement_are_the_whole() -> None:
         split_offsets(offsets, self_map(SURFACE, distance=0 * X))
 
 
-def test_sides_have_a_middle_of_some_width() -> None:
+def test_sides_have_a_middle_band_of_given_width() -> None:
     np.testing.assert_array_equal(SYMMETRY.sides(), np.sign(np.where(MIDDLE, 0, X)))
     np.testing.assert_array_equal(SYMMETRY.sides(0.5), np.where(np.abs(X) <= 0.5, 0, np.sign(X)))
     assert SYMMETRY.has_sides

@@ -84,6 +84,8 @@ def test_an_island_across_the_line_stays_whole(reflection: zo.Symmetry, bent: Cr
         ({"layout": "under"}, ValueError, "layout"),
     ],
 )
-def test_what_cannot_be_is_refused(reflection: zo.Symmetry, bent: Creature, wish: dict, error: type, message: str):
+def test_invalid_direction_and_layout_are_refused(
+    reflection: zo.Symmetry, bent: Creature, wish: dict, error: type, message: str
+):
     with pytest.raises(error, match=message):
         symmetrise_uv(uv_map(left_layout(bent)), reflection, **wish)

@@ -26,13 +26,13 @@ def bumps(made: Creature, directions: np.ndarray) -> np.ndarray:
     return height[:, None] * vertex_normals(made.surface.vertices, made.surface.triangles)
 
 
-def test_displacements_turn_with_the_limbs(reflection: zo.Symmetry, bent: Creature) -> None:
+def test_mirrored_displacements_rotate_with_the_limbs(reflection: zo.Symmetry, bent: Creature) -> None:
     truth = bumps(bent, bent.directions * [-1, 1, 1])
     found = mirror_offsets(bumps(bent, bent.directions), reflection)
     assert np.linalg.norm(found - truth, axis=1).mean() < 0.15 * np.linalg.norm(truth, axis=1).mean()
 
 
-def test_frames_reflect_and_undo_each_other(reflection: zo.Symmetry) -> None:
+def test_frames_are_reflections_and_mutually_inverse(reflection: zo.Symmetry) -> None:
     there = frames(reflection)
     np.testing.assert_allclose(there @ there.transpose(0, 2, 1), np.broadcast_to(np.eye(3), there.shape), atol=1e-9)
     np.testing.assert_allclose(np.linalg.det(there), -1)
@@ -73,7 +73,7 @@ def test_a_key_is_split_smoothly_into_left_and_right(reflection: zo.Symmetry, be
     np.testing.assert_allclose(share + reflection.surface_map.interpolate(share), 1, atol=0.15)
 
 
-def test_a_dent_on_one_side_shows_on_both_whatever_the_pose(bent: Creature) -> None:
+def test_dent_on_one_side_shows_on_both_in_any_pose(bent: Creature) -> None:
     at = bent.directions @ (np.array([0.6, -0.7, 0.1]) / np.linalg.norm([0.6, -0.7, 0.1]))
     normals = vertex_normals(bent.surface.vertices, bent.surface.triangles)
     dented = Surface(bent.surface.vertices - 0.15 * np.exp(60 * (at - 1))[:, None] * normals, bent.surface.triangles)

@@ -36,7 +36,7 @@ def onto(made: Creature, places: np.ndarray) -> SurfaceMap:
     return SurfaceMap(*closest_points(places, made.directions, made.surface.triangles), made.surface.triangles)
 
 
-def test_a_mirror_divides_a_body_in_two(made: Creature, shape: ShapeAnalysis) -> None:
+def test_mirror_divides_a_body_into_two_sides(made: Creature, shape: ShapeAnalysis) -> None:
     mirror = onto(made, made.directions * MIRROR)
     distance = signed_distance(mirror, shape)
     assert distance is not None
@@ -51,7 +51,7 @@ def test_a_mirror_divides_a_body_in_two(made: Creature, shape: ShapeAnalysis) ->
     assert np.median(np.abs(distance)[near] / half) == pytest.approx(1, abs=0.35)
 
 
-def test_a_point_reflection_does_not() -> None:
+def test_point_reflection_has_no_sides() -> None:
     places = directions(400, seed=1)
     ball = Creature(Surface(places, ConvexHull(places).simplices), places)
     shape = analyse(ball.surface.working, 60, 200, 0)
@@ -59,13 +59,13 @@ def test_a_point_reflection_does_not() -> None:
     assert signed_distance(onto(ball, places * MIRROR), shape) is not None
 
 
-def test_the_identity_has_neither_sides_nor_a_left(made: Creature, shape: ShapeAnalysis) -> None:
+def test_identity_has_no_sides_and_no_left(made: Creature, shape: ShapeAnalysis) -> None:
     same = SurfaceMap.from_vertices(np.arange(len(made.directions)), made.surface)
     assert signed_distance(same, shape) is None
     assert leftward(made.directions[:, 0], same, made.surface, X) == 0
 
 
-def test_a_mirror_of_which_half_is_noise_still_does(made: Creature, shape: ShapeAnalysis) -> None:
+def test_half_noisy_mirror_still_has_sides(made: Creature, shape: ShapeAnalysis) -> None:
     random = np.random.default_rng(0)
     off = np.where(random.random((400, 1)) < 0.5, random.normal(scale=1.0, size=(400, 3)), 0)
     distance = signed_distance(onto(made, made.directions * MIRROR + off), shape)
@@ -74,7 +74,7 @@ def test_a_mirror_of_which_half_is_noise_still_does(made: Creature, shape: Shape
     assert np.abs(np.sign(distance * x)[np.abs(x) > 0.2].mean()) > 0.9
 
 
-def test_what_lies_to_the_left_of_its_image_is_left() -> None:
+def test_points_left_of_their_images_are_on_the_left() -> None:
     surface = grid()
     there = SurfaceMap.from_vertices(mirrored_vertex(surface), surface)
     x = surface.vertices[:, 0]
@@ -86,7 +86,7 @@ def test_what_lies_to_the_left_of_its_image_is_left() -> None:
     assert leftward(0 * x, there, surface, X) == 0
 
 
-def test_in_what_is_left_large_areas_count_for_more_than_many_vertices() -> None:
+def test_left_is_decided_by_area_not_by_vertices() -> None:
     # Two surfaces across the line; the finely divided one votes for the opposite.
     coarse, fine = grid(2, 1, width=2), grid(20, 1, width=2, height=0.1)
     surface = Surface(
@@ -101,7 +101,7 @@ def test_in_what_is_left_large_areas_count_for_more_than_many_vertices() -> None
 # --- loose parts --------------------------------------------------------------------------------------------
 
 
-def joined(parts: list[tuple[Surface, np.ndarray]]) -> tuple[Surface, np.ndarray]:
+def join_at(parts: list[tuple[Surface, np.ndarray]]) -> tuple[Surface, np.ndarray]:
     """Join surfaces at places (3,); also return (n,) the number of each vertex's part."""
     starts = np.cumsum([0, *(len(part.vertices) for part, _ in parts)])
     vertices = np.concatenate([part.vertices + place for part, place in parts])
@@ -119,10 +119,10 @@ def around(surface: Surface, body: np.ndarray, scale: float, is_hull: bool = Fal
     return cast(ShapeAnalysis, SimpleNamespace(proxy=SimpleNamespace(full=full, place=place)))
 
 
-def test_eyes_lie_on_the_side_of_the_body_that_is_near_and_a_nose_on_both() -> None:
+def test_eyes_are_on_the_nearer_side_and_a_nose_on_both() -> None:
     eye = grid(2, 2, width=0.2, height=0.2)
     parts = [(grid(24), np.zeros(3)), (eye, np.array([0.3, 1.3, 0])), (eye, np.array([-0.3, 1.3, 0]))]
-    surface, part = joined([*parts, (eye, np.array([0, 1.3, 0]))])
+    surface, part = join_at([*parts, (eye, np.array([0, 1.3, 0]))])
     there = SurfaceMap.from_vertices(mirrored_vertex(surface), surface)
     x, body = surface.vertices[:, 0], part == 0
     scale = 5.0
@@ -132,9 +132,9 @@ def test_eyes_lie_on_the_side_of_the_body_that_is_near_and_a_nose_on_both() -> N
     np.testing.assert_allclose(distance[~body], x[~body], atol=1e-9)
 
 
-def test_an_eye_lies_as_a_whole_where_most_of_it_does() -> None:
+def test_loose_part_is_on_the_side_of_its_majority() -> None:
     eye = grid(10, 2, width=1.0, height=0.1)
-    surface, part = joined([(grid(), np.zeros(3)), (eye, np.array([0.4, 1.1, 0])), (eye, np.array([-0.4, 1.3, 0]))])
+    surface, part = join_at([(grid(), np.zeros(3)), (eye, np.array([0.4, 1.1, 0])), (eye, np.array([-0.4, 1.3, 0]))])
     image = np.arange(len(part))
     image[part == 0] = mirrored_vertex(grid())
     image[part == 1] = np.flatnonzero(part == 2)[::-1]
@@ -147,11 +147,11 @@ def test_an_eye_lies_as_a_whole_where_most_of_it_does() -> None:
 
 
 @pytest.mark.parametrize(("reach", "whole"), [(0.1, True), (0.45, False)])
-def test_a_shell_that_has_a_partner_lies_on_one_side_unless_it_lies_on_both(reach: float, whole: bool) -> None:
+def test_shell_with_a_partner_is_on_one_side_if_mostly_there(reach: float, whole: bool) -> None:
     """A shell beside the line reaches across it by a fraction of its width."""
     shell = grid(20, 2, width=1.0, height=0.3)
     middle = 0.5 - reach
-    surface, part = joined(
+    surface, part = join_at(
         [(grid(), np.zeros(3)), (shell, np.array([middle, 2, 0])), (shell, np.array([-middle, 3, 0]))]
     )
     image = np.arange(len(part))
@@ -172,8 +172,8 @@ def test_a_shell_that_has_a_partner_lies_on_one_side_unless_it_lies_on_both(reac
     assert (distance[beyond] < 0).all() != whole
 
 
-def test_a_shell_without_a_partner_lies_on_both_sides_however_uneven() -> None:
-    surface, _ = joined([(grid(24), np.zeros(3)), (grid(24), np.array([0.75, 2, 0]))])
+def test_shell_without_a_partner_is_on_both_sides() -> None:
+    surface, _ = join_at([(grid(24), np.zeros(3)), (grid(24), np.array([0.75, 2, 0]))])
     there = SurfaceMap.from_vertices(mirrored_vertex(surface), surface)
     skin = around(surface, np.ones(len(surface.vertices), dtype=bool), 1.0, is_hull=True)
     x = surface.vertices[:, 0]
@@ -181,7 +181,7 @@ def test_a_shell_without_a_partner_lies_on_both_sides_however_uneven() -> None:
     np.testing.assert_array_equal(np.sign(distance), np.sign(np.round(x, 9)))
 
 
-def test_distances_around_shells_become_opposite_at_images() -> None:
+def test_distances_around_shells_are_made_antisymmetric() -> None:
     surface = grid()
     there = SurfaceMap.from_vertices(mirrored_vertex(surface), surface)
     skin = around(surface, np.ones(len(surface.vertices), dtype=bool), 1.0, is_hull=True)
@@ -192,7 +192,7 @@ def test_distances_around_shells_become_opposite_at_images() -> None:
 # --- the line -----------------------------------------------------------------------------------------------
 
 
-def test_a_line_lies_where_a_linear_function_is_zero_and_is_one_curve() -> None:
+def test_zero_line_of_a_linear_function_is_one_curve() -> None:
     surface = grid(11, 7)
     value = surface.vertices @ np.array([1.0, 0.31, 0]) - 0.12
     line = zero_line(value, surface)
@@ -219,7 +219,7 @@ def test_closed_curves_end_where_they_begin_and_open_ones_come_first() -> None:
     assert len(np.unique(curves[1])) == len(curves[1]) - 1
 
 
-def test_where_nothing_changes_sign_there_is_no_line() -> None:
+def test_zero_line_is_empty_without_a_sign_change() -> None:
     surface = grid()
     line = zero_line(np.ones(len(surface.vertices)), surface)
     assert line.points.shape == (0, 3)

@@ -112,7 +112,7 @@ def found(walking: Doll) -> zo.Symmetry:
     return zo.detect_symmetry(walking.surface)[0]
 
 
-def test_left_shells_change_places_with_right_ones_in_any_pose(found: zo.Symmetry, walking: Doll) -> None:
+def test_left_and_right_shells_are_swapped_in_a_pose(found: zo.Symmetry, walking: Doll) -> None:
     assert found.shape.proxy.full.is_hull
     assert found.reverses_orientation
     assert found.certainty > 0.9
@@ -123,20 +123,20 @@ def test_left_shells_change_places_with_right_ones_in_any_pose(found: zo.Symmetr
     assert np.linalg.norm(off, axis=1).mean() < 0.05
 
 
-def test_shells_lie_on_their_side_and_those_of_the_middle_on_both(found: zo.Symmetry, walking: Doll) -> None:
+def test_shells_are_on_their_side_and_middle_ones_on_both(found: zo.Symmetry, walking: Doll) -> None:
     sided = walking.side != 0
     np.testing.assert_array_equal(found.sides()[sided], walking.side[sided])
     clear = ~sided & (np.abs(walking.rest[:, 0]) > 0.05)
     assert (found.sides()[clear] == np.sign(walking.rest[clear, 0])).mean() > 0.95
 
 
-def test_the_line_crosses_the_shells_of_the_middle_alone(found: zo.Symmetry, walking: Doll) -> None:
+def test_symmetry_line_crosses_only_the_middle_shells(found: zo.Symmetry, walking: Doll) -> None:
     on_line = walking.shell[found.line.edges].ravel()
     assert set(on_line) <= set(MIDDLE)
     assert {"hips", "chest", "head"} <= set(on_line)
 
 
-def test_displacements_of_shells_cross_over_in_the_frame_of_each_place(found: zo.Symmetry, walking: Doll) -> None:
+def test_displacements_of_shells_are_mirrored_in_local_frames(found: zo.Symmetry, walking: Doll) -> None:
     height = 0.02 * (1 + np.sin(9 * walking.rest[:, 2] + 4 * walking.rest[:, 0]))
     mirrored = 0.02 * (1 + np.sin(9 * walking.rest[:, 2] - 4 * walking.rest[:, 0]))
     normals = vertex_normals(walking.surface.vertices, walking.surface.triangles)
@@ -157,6 +157,6 @@ def test_a_dent_in_a_shell_shows_on_both_sides(found: zo.Symmetry, walking: Doll
 
 
 @pytest.mark.slow
-def test_of_a_lopsided_heap_no_symmetry_is_sure() -> None:
+def test_asymmetric_heap_has_no_certain_symmetry() -> None:
     with retune(HULLS, resolution=64):
         assert zo.detect_symmetry(heap(), samples=400)[0].certainty < 0.5

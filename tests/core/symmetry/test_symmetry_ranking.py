@@ -67,7 +67,7 @@ def square() -> ShapeAnalysis:
     ("criterion", "better", "worse"),
     [("commutativity", 0.5, 0.7), ("distance", 0.02, 0.05), ("place", 0.01, 0.03), ("curvature", 0.95, 0.8)],
 )
-def test_each_criterion_puts_the_better_map_first(
+def test_each_criterion_ranks_the_better_map_first(
     square: ShapeAnalysis, criterion: str, better: float, worse: float
 ) -> None:
     for maps in ((LEFT_RIGHT, UP_DOWN), (UP_DOWN, LEFT_RIGHT)):
@@ -79,7 +79,7 @@ def test_each_criterion_puts_the_better_map_first(
         assert one.scores["total"] < other.scores["total"]
 
 
-def test_twice_the_error_weighs_the_more_the_surer_the_criterion_is(square: ShapeAnalysis) -> None:
+def test_doubled_errors_weigh_by_the_reliability_of_the_criterion(square: ShapeAnalysis) -> None:
     def total(**scores: float) -> float:
         (one,) = rank_symmetries([candidate(LEFT_RIGHT, **scores)], square)
         return one.scores["total"]
@@ -102,7 +102,7 @@ def test_twice_the_error_weighs_the_more_the_surer_the_criterion_is(square: Shap
     ("criterion", "values"),
     [("commutativity", (0.09, 1e-3)), ("distance", (9e-3, 1e-5)), ("place", (1.9e-3, 1e-5)), ("curvature", (0.991, 1))],
 )
-def test_what_a_mesh_makes_of_nothing_is_nothing(
+def test_errors_within_the_accuracy_of_a_mesh_are_equal(
     square: ShapeAnalysis, criterion: str, values: tuple[float, float]
 ) -> None:
     maps = [candidate(m, **{criterion: value}) for m, value in zip((LEFT_RIGHT, UP_DOWN), values, strict=True)]
@@ -110,7 +110,7 @@ def test_what_a_mesh_makes_of_nothing_is_nothing(
     assert one.scores["total"] == pytest.approx(other.scores["total"])
 
 
-def test_a_map_that_turns_pseudo_scalars_as_its_orientation_says_comes_first() -> None:
+def test_map_with_consistent_pseudo_scalars_ranks_first() -> None:
     lopsided = shape_at(AT, np.column_stack([AT[:, 0] - 0.5, (AT[:, 0] - 0.5) ** 3]))
     one, other = rank_symmetries([candidate(UP_DOWN), candidate(LEFT_RIGHT)], lopsided)
     assert (one.sample_map == LEFT_RIGHT).all()
@@ -119,14 +119,14 @@ def test_a_map_that_turns_pseudo_scalars_as_its_orientation_says_comes_first() -
     assert (one.sample_map == UP_DOWN).all()
 
 
-def test_of_maps_with_equal_errors_that_comes_first_which_moves_more(square: ShapeAnalysis) -> None:
+def test_map_that_moves_more_wins_at_equal_errors(square: ShapeAnalysis) -> None:
     half = np.where(AT[:, 1] > 0.5, LEFT_RIGHT, np.arange(len(AT)))
     one, other = rank_symmetries([candidate(half), candidate(LEFT_RIGHT)], square)
     assert (one.sample_map == LEFT_RIGHT).all()
     assert one.scores["moved"] == pytest.approx(2 * other.scores["moved"])
 
 
-def test_a_turn_has_to_be_better_than_a_reflection(square: ShapeAnalysis) -> None:
+def test_rotation_must_be_clearly_better_than_a_reflection(square: ShapeAnalysis) -> None:
     def first_reverses(place: float) -> bool:
         # Both have the same images but count as two maps.
         first, _ = rank_symmetries([candidate(LEFT_RIGHT, False, place=place), candidate(LEFT_RIGHT)], square)
@@ -137,7 +137,7 @@ def test_a_turn_has_to_be_better_than_a_reflection(square: ShapeAnalysis) -> Non
     assert not first_reverses(0.2 * GOOD["place"])
 
 
-def test_maps_that_lead_to_about_the_same_places_are_one(square: ShapeAnalysis) -> None:
+def test_maps_to_nearly_the_same_places_count_as_one(square: ShapeAnalysis) -> None:
     # Maps that are 0.07 off on average count as one, those that are 0.2 off as two.
     for share, count in ((0.7, 1), (1.0, 2)):
         off = image(np.clip(AT[LEFT_RIGHT] + [0, 0.1 if share < 1 else 0.25], 0, 0.95))
@@ -151,7 +151,7 @@ def certainties(square: ShapeAnalysis, *candidates: Candidate) -> list[float]:
     return [one.certainty for one in rank_symmetries(list(candidates), square)]
 
 
-def test_a_good_map_is_surer_the_farther_its_rivals_are_behind_up_to_some_lead(square: ShapeAnalysis) -> None:
+def test_certainty_grows_with_the_lead_up_to_a_limit(square: ShapeAnalysis) -> None:
     rival = [
         certainties(square, candidate(LEFT_RIGHT), candidate(UP_DOWN, place=place)) for place in (0.021, 0.04, 0.2, 2)
     ]
@@ -166,14 +166,14 @@ def test_a_good_map_is_surer_the_farther_its_rivals_are_behind_up_to_some_lead(s
     assert behind[2] < 0.1
 
 
-def test_a_bad_map_is_unsure_though_it_has_no_rival(square: ShapeAnalysis) -> None:
+def test_bad_map_without_rivals_is_uncertain(square: ShapeAnalysis) -> None:
     (certainty,) = certainties(square, candidate(LEFT_RIGHT, commutativity=3, distance=0.3, place=0.2, curvature=0.2))
     assert certainty < 0.5
     (good,) = certainties(square, candidate(LEFT_RIGHT))
     assert good > 0.9
 
 
-def test_exact_symmetries_do_not_rival_each_other_and_others_do(square: ShapeAnalysis) -> None:
+def test_only_inexact_symmetries_are_rivals(square: ShapeAnalysis) -> None:
     maps = LEFT_RIGHT, UP_DOWN
     assert min(certainties(square, *(candidate(one, commutativity=0.12) for one in maps))) > SURE_SYMMETRY_CERTAINTY
     assert max(certainties(square, *(candidate(one) for one in maps))) < 0.8
@@ -187,7 +187,7 @@ def test_exact_symmetries_do_not_rival_each_other_and_others_do(square: ShapeAna
     assert other < 0.1 < 0.9 < one
 
 
-def test_an_exact_symmetry_is_as_sure_with_any_lead_and_less_behind_another(square: ShapeAnalysis) -> None:
+def test_exact_symmetry_loses_certainty_only_behind_another(square: ShapeAnalysis) -> None:
     exact = {"commutativity": 0.4, "distance": 0.3}
     (alone,) = certainties(square, candidate(LEFT_RIGHT, place=1.0, **exact))
     level, behind = (
@@ -199,7 +199,7 @@ def test_an_exact_symmetry_is_as_sure_with_any_lead_and_less_behind_another(squa
     assert behind < level - 0.02
 
 
-def test_of_maps_that_are_sure_reflections_come_first_and_else_the_surer_one(square: ShapeAnalysis) -> None:
+def test_certain_reflection_ranks_before_a_certain_rotation(square: ShapeAnalysis) -> None:
     tried = []
     for worse in np.geomspace(0.02, 5, 60):
         found = rank_symmetries(
@@ -220,7 +220,7 @@ def test_of_maps_that_are_sure_reflections_come_first_and_else_the_surer_one(squ
 # --- displacement by maps -----------------------------------------------------------------------------------
 
 
-def test_a_symmetry_moves_nearly_everything(square: ShapeAnalysis) -> None:
+def test_symmetry_must_move_nearly_all_samples(square: ShapeAnalysis) -> None:
     def fixing(share: float) -> np.ndarray:
         return np.where(AT[:, 1] < share, np.arange(len(AT)), far)
 
@@ -233,7 +233,7 @@ def test_a_symmetry_moves_nearly_everything(square: ShapeAnalysis) -> None:
     assert not is_no_part_of_identity(np.arange(len(AT)), True, square)
 
 
-def test_what_moves_by_little_counts_as_fixed() -> None:
+def test_small_displacements_count_as_fixed() -> None:
     for spacing, moves in ((0.02, False), (0.3, True)):
         row = np.arange(200)[:, None] * np.array([[spacing, 0.0]])
         assert is_no_part_of_identity(np.roll(np.arange(200), 1), True, shape_at(row)) == moves
@@ -247,7 +247,7 @@ def ring(count: int, length: float) -> ShapeAnalysis:
 
 
 @pytest.mark.parametrize("order", [1, 2, 3, 5, 12, 13])
-def test_the_order_of_a_turn_is_how_often_it_leads_back(order: int) -> None:
+def test_order_of_a_rotation_is_found_up_to_twelve(order: int) -> None:
     count = 780
     turn = np.roll(np.arange(count), count // order)
     assert order_of(turn, ring(count, 4.0)) == (order if order <= 12 else 0)
@@ -258,13 +258,13 @@ def test_the_order_of_a_turn_is_how_often_it_leads_back(order: int) -> None:
     ("length", "off", "back"),
     [(4.0, 1, True), (4.0, 5, True), (4.0, 12, False), (0.4, 9, True), (0.4, 14, False)],
 )
-def test_a_half_turn_may_miss_by_a_part_of_how_far_it_goes_or_by_a_cell(length: float, off: int, back: bool) -> None:
+def test_half_turn_tolerates_a_small_return_error(length: float, off: int, back: bool) -> None:
     # Each application overshoots a half turn by `off`, so two of them miss by twice as much.
     count = 120
     turn = np.roll(np.arange(count), -(count // 2 + off))
     assert (order_of(turn, ring(count, length)) == 2) == back
 
 
-def test_how_far_a_map_moves_each_sample() -> None:
+def test_displacement_is_the_distance_that_each_sample_moves() -> None:
     moved = displacement(np.array([1, 1, 0]), shape_at(np.array([[0.0, 0], [3, 0], [3, 4]])))
     assert moved == pytest.approx([3, 0, 5])

@@ -42,7 +42,7 @@ def test_a_similarity_of_patches_is_found_exactly(sense: float) -> None:
     np.testing.assert_allclose(turned, normals @ (TURN * [sense, 1, 1]).T)
 
 
-def test_a_patch_that_a_map_squeezes_by_mistake_keeps_a_size() -> None:
+def test_size_of_a_squeezed_patch_is_clamped() -> None:
     factors = np.ones(9)
     factors[0], factors[1] = 0.01, 50
     moments = patches(PLACES * factors[:, None, None], PLACES)
@@ -60,7 +60,7 @@ def test_flat_patches_have_the_handedness_of_the_others() -> None:
 
 
 @pytest.mark.parametrize("off", [0.0, 0.05, 0.3])
-def test_points_near_and_far_go_along_with_a_body_that_moves_as_a_whole(basis: SpectralBasis, off: float) -> None:
+def test_points_follow_a_similarity_of_the_whole_body(basis: SpectralBasis, off: float) -> None:
     mesh = MADE.surface.working
     linear = 1.2 * TURN
     motion = SimilarityField(mesh.vertices, mesh.vertices @ linear.T + 1, np.ones(500), basis)
@@ -72,7 +72,7 @@ def test_points_near_and_far_go_along_with_a_body_that_moves_as_a_whole(basis: S
     assert motion.handedness == 1
 
 
-def test_trust_is_that_of_the_body_nearby(basis: SpectralBasis) -> None:
+def test_trust_is_taken_from_the_body_nearby(basis: SpectralBasis) -> None:
     mesh = MADE.surface.working
     trust = (MADE.directions[:, 2] > 0).astype(float)
     motion = SimilarityField(mesh.vertices, mesh.vertices, trust, basis)
@@ -81,7 +81,7 @@ def test_trust_is_that_of_the_body_nearby(basis: SpectralBasis) -> None:
     assert motion.carry(mesh.vertices[below], mesh.vertex_normals[below])[2].max() < 0.1
 
 
-def test_the_roots_of_shares_fall_evenly_with_the_distance(basis: SpectralBasis) -> None:
+def test_square_roots_of_weights_fall_linearly_with_distance(basis: SpectralBasis) -> None:
     mesh = MADE.surface.working
     point = mesh.vertices[40:41] + 0.01
     distance = np.linalg.norm(mesh.vertices - point, axis=1)
@@ -93,7 +93,7 @@ def test_the_roots_of_shares_fall_evenly_with_the_distance(basis: SpectralBasis)
     assert fallen[0] > 0
 
 
-def test_what_is_near_follows_its_surroundings_and_what_is_far_a_wider_part(basis: SpectralBasis) -> None:
+def test_near_points_follow_a_smaller_region_than_far_ones(basis: SpectralBasis) -> None:
     # Only one tip of the body rotates.
     mesh = MADE.surface.working
     tip = MADE.directions[:, 1] > 0.95
@@ -109,7 +109,7 @@ def test_what_is_near_follows_its_surroundings_and_what_is_far_a_wider_part(basi
     assert angle[0] > 2 * angle[1]
 
 
-def test_a_body_that_unbends_keeps_its_scale() -> None:
+def test_unbending_a_body_does_not_change_its_scale() -> None:
     straight = tube()
     bent = pose_surface(straight, bend((90, 0, 0), (90, 0, 0)))
     motion = SimilarityField(bent.vertices, straight.vertices, np.ones(len(bent.vertices)), eigenbasis(bent, 60))

@@ -29,7 +29,7 @@ TUBE = part_of(tube())
 AT = TUBE.points[:, 2]
 
 
-def shifted(part: Part, at_end: float) -> Part:
+def stretch_upper_end(part: Part, at_end: float) -> Part:
     """A part that a map has stretched along z, by `at_end` at its upper end."""
     return replace(part, points=part.points * (1, 1, 1 + at_end))
 
@@ -53,7 +53,7 @@ def test_the_points_of_a_loop_cover_its_edges() -> None:
     assert gap.mean() < 0.1 * 0.25
 
 
-def test_the_centre_and_size_of_a_loop_are_of_its_length_and_not_of_its_vertices() -> None:
+def test_centre_and_size_of_a_loop_are_weighted_by_length() -> None:
     # A square with one side of many edges.
     x = np.linspace(0, 1, 30)
     points = np.vstack([[[0.5, 1, 0]], np.column_stack([x, 0 * x, 0 * x]), [[1, 1, 0], [0, 1, 0]]])
@@ -63,7 +63,7 @@ def test_the_centre_and_size_of_a_loop_are_of_its_length_and_not_of_its_vertices
     assert loop.size == pytest.approx(np.sqrt((0.5**2 + 3 * 0.25 * 1 / 12 + 0.0) * 1.0), rel=0.12)
 
 
-def test_a_closed_part_has_none_and_stays() -> None:
+def test_closed_part_has_no_loops_and_stays() -> None:
     closed = part_of(ball(0.1))
     assert boundary_loops(closed) == []
     for part, partner in ((TUBE, closed), (closed, TUBE)):
@@ -71,21 +71,21 @@ def test_a_closed_part_has_none_and_stays() -> None:
 
 
 @pytest.mark.parametrize(("off", "drawn"), [(0.05, True), (-0.12, True), (0.2, False), (-0.3, False)])
-def test_a_loop_is_drawn_onto_one_that_is_near(off: float, drawn: bool) -> None:
-    found = loops_on_loops(shifted(TUBE, off), TUBE)
+def test_loop_is_attracted_only_to_a_near_loop(off: float, drawn: bool) -> None:
+    found = loops_on_loops(stretch_upper_end(TUBE, off), TUBE)
     goal = 1.0 if drawn else 1 + off
     np.testing.assert_allclose(found[np.isclose(AT, 1)][:, 2], goal, atol=1e-3)
     np.testing.assert_allclose(found[np.isclose(AT, 0)], TUBE.points[np.isclose(AT, 0)], atol=0.01)
 
 
 @pytest.mark.parametrize(("radius", "drawn"), [(0.13, True), (0.08, True), (0.17, False), (0.06, False)])
-def test_a_loop_is_drawn_onto_one_of_its_size(radius: float, drawn: bool) -> None:
+def test_loop_is_attracted_only_to_a_loop_of_similar_size(radius: float, drawn: bool) -> None:
     found = loops_on_loops(TUBE, part_of(tube(radius)))
     ends = np.isclose(AT, 1) | np.isclose(AT, 0)
     np.testing.assert_allclose(np.linalg.norm(found[ends, :2], axis=1), radius if drawn else 0.1, rtol=0.02)
 
 
-def test_the_rest_follows_the_less_the_farther_off() -> None:
+def test_displacement_decays_away_from_the_loops() -> None:
     moved = (loops_on_loops(replace(TUBE, points=TUBE.points - [0.03, 0, 0]), TUBE) - TUBE.points)[:, 0] + 0.03
     order = np.argsort(AT)
     ends, middle = moved[np.isclose(AT, 1)].mean(), moved[np.abs(AT - 0.5) < 0.05].mean()
@@ -95,7 +95,7 @@ def test_the_rest_follows_the_less_the_farther_off() -> None:
     assert (np.diff(below) < 0).all()
 
 
-def test_of_two_loops_near_one_the_nearest_alone_is_drawn_to_it() -> None:
+def test_only_the_nearest_of_two_loops_is_attracted() -> None:
     # A short tube with both ends near the lower end of the other tube.
     short = part_of(tube(length=0.1))
     z = short.points[:, 2]
@@ -104,5 +104,5 @@ def test_of_two_loops_near_one_the_nearest_alone_is_drawn_to_it() -> None:
     assert found[np.isclose(z, 0.1)].min() > 0.09
 
 
-def test_a_tube_that_lies_on_its_like_stays() -> None:
+def test_tube_on_its_partner_stays() -> None:
     np.testing.assert_allclose(loops_on_loops(TUBE, TUBE), TUBE.points, atol=1e-9)

@@ -62,7 +62,7 @@ def test_parts_that_only_one_surface_has_are_alone_or_left() -> None:
     assert counts(pair_around_body(EYES, [])) == (0, 0, 0, 2, 0)
 
 
-def test_parts_after_one_that_is_alone_have_their_images_and_what_is_left_is_named() -> None:
+def test_unpaired_part_does_not_shift_the_images_of_others() -> None:
     def vertices_of_parts(surface: Surface, numbers: slice) -> np.ndarray:
         component = surface.working.component
         return np.flatnonzero(np.isin(component, np.arange(component.max() + 1)[numbers]))
@@ -75,13 +75,13 @@ def test_parts_after_one_that_is_alone_have_their_images_and_what_is_left_is_nam
     np.testing.assert_array_equal(map_parts(pair).left_vertices, vertices_of_parts(pair.source, slice(1, 2)))
 
 
-def test_pieces_of_a_whole_lie_on_it_and_it_on_them() -> None:
+def test_pieces_and_their_whole_map_to_each_other() -> None:
     assert counts(pair_around_body([ROD], thirds(ROD))) == (0, 3, 0, 0, 0)
     paired, others, alone, left, _ = counts(pair_around_body(thirds(ROD), [ROD]))
     assert (paired + others, alone, left) == (1, 0, 0)
 
 
-def test_a_crumb_beside_a_large_part_lies_on_it() -> None:
+def test_crumb_beside_a_large_part_maps_to_it() -> None:
     # It is too far away to be a piece, but within the tolerance of the body's map.
     crumb = ball(0.012, (0.1, 0, 0.611))
     assert counts(pair_around_body([sheet(0.4, TOP), *EYES], [crumb, *EYES])) == (2, 1, 0, 0, 0)
@@ -89,18 +89,18 @@ def test_a_crumb_beside_a_large_part_lies_on_it() -> None:
     assert counts(pair_around_body([sheet(0.4, TOP), *EYES], [away, *EYES])) == (2, 0, 1, 1, 0)
 
 
-def test_what_a_crumb_lies_on_is_told_though_the_body_is_not_the_largest() -> None:
+def test_crumb_maps_to_its_part_beside_a_part_larger_than_the_body() -> None:
     cloak = sheet(2.0, (0, 0, -2))
     pair = pair_around_body([cloak, sheet(0.4, TOP)], [cloak, ball(0.012, (0.1, 0, 0.611))], number=1)
     assert counts(pair) == (1, 1, 0, 0, 0)
 
 
-def test_parts_of_different_regions_lie_nowhere_on_each_other() -> None:
+def test_parts_of_different_regions_are_not_matched() -> None:
     pair = pair_around_body([*EYES, ROD], [*EYES, ROD], [(0, 1), (1, 0), (2, 2)])
     assert counts(pair) == (1, 0, 2, 2, 0)
 
 
-def test_parts_beyond_the_largest_lie_on_what_is_nearest() -> None:
+def test_parts_beyond_the_limit_map_to_the_nearest_part() -> None:
     away = np.random.default_rng(0).uniform(-1, 1, (300, 1, 3)) + np.array([0, 0, 3])
     larger = Surface((away + 0.03 * np.eye(4, 3)).reshape(-1, 3), np.arange(1200).reshape(-1, 4)[:, [0, 1, 2]])
     smaller = [ball(0.008, (0.1 * i, 0, 0.5), count=20) for i in range(3)]
@@ -110,21 +110,21 @@ def test_parts_beyond_the_largest_lie_on_what_is_nearest() -> None:
 # --- images of parts ------------------------------------------------------------------------------------------------
 
 
-def test_a_part_lies_on_what_is_near_against_its_size() -> None:
+def test_part_maps_to_one_that_is_near_relative_to_its_size() -> None:
     for size in (0.02, 0.2):
         part = part_of(ball(size))
         assert _lies_on(part, part_of(ball(size, (0.2 * size, 0, 0))))
         assert not _lies_on(part, part_of(ball(size, (0.8 * size, 0, 0))))
 
 
-def test_a_piece_at_the_far_end_lies_on_its_whole() -> None:
+def test_piece_at_the_far_end_maps_to_its_whole() -> None:
     end = thirds(ROD)[2]
     assert _lies_on(part_of(end), part_of(ROD))
     assert not _lies_on(part_of(ROD), part_of(end))
     assert not _lies_on(part_of(end), part_of(thirds(ROD)[0]))
 
 
-def test_the_other_pieces_of_what_a_partner_is_a_piece_of_come_along() -> None:
+def test_other_pieces_of_the_same_whole_are_included() -> None:
     pieces = [part_of(piece) for piece in thirds(ROD)]
     far, free = part_of(ball(0.04, LEFT)), np.zeros(4, dtype=bool)
     assert _pieces(part_of(ROD), 1, [*pieces, far], {1}, free) == [1, 0, 2]
@@ -133,7 +133,7 @@ def test_the_other_pieces_of_what_a_partner_is_a_piece_of_come_along() -> None:
     assert _pieces(part_of(ROD), 0, [part_of(ROD), *pieces], {0}, free) == [0]
 
 
-def test_of_several_wholes_a_piece_lies_on_the_nearest() -> None:
+def test_piece_maps_to_the_nearest_of_several_wholes() -> None:
     wholes = [part_of(ROD, off) for off in (0.012, 0.0, -0.012)]
     piece, free = part_of(thirds(ROD)[1]), np.zeros(3, dtype=bool)
     assert _pieces(piece, None, wholes, set(), free) == [1]
@@ -141,7 +141,7 @@ def test_of_several_wholes_a_piece_lies_on_the_nearest() -> None:
     assert _pieces(piece, None, wholes[:1], set(), free[:1] | True) == []
 
 
-def folded() -> Surface:
+def pocket() -> Surface:
     """Two layers, 0.02 apart, joined along one edge: a pocket that is open on three sides."""
     low, count = sheet(0.2), 81
     edge = np.flatnonzero(low.vertices[:, 0] > 0.0999)
@@ -152,9 +152,9 @@ def folded() -> Surface:
 
 
 @pytest.mark.parametrize("flip", [False, True])
-def test_layers_keep_apart_whichever_way_an_open_part_is_wound(flip: bool) -> None:
-    source = side_of(folded())
-    piece, part = source.parts(source.points)[0], part_of(folded())
+def test_layers_stay_apart_with_either_winding(flip: bool) -> None:
+    source = side_of(pocket())
+    piece, part = source.parts(source.points)[0], part_of(pocket())
     # The shift makes the other layer nearer.
     points = part.points + np.array([0, 0, 0.012])
     normals = part.mesh.vertex_normals * (-1 if flip else 1)
@@ -165,14 +165,14 @@ def test_layers_keep_apart_whichever_way_an_open_part_is_wound(flip: bool) -> No
     np.testing.assert_allclose(residual, np.linalg.norm(on - points, axis=1), atol=1e-12)
 
 
-def test_a_small_part_takes_its_partners_centre_and_size_and_a_large_one_stays() -> None:
+def test_only_small_parts_take_the_centre_and_size_of_partners() -> None:
     small, partner = part_of(ball(0.02)), part_of(ball(0.03, (0.02, 0, 0)))
     np.testing.assert_allclose(_correct_towards(small, partner), partner.points, atol=1e-9)
     large = part_of(ball(0.2))
     np.testing.assert_array_equal(_correct_towards(large, part_of(ball(0.25))), large.points)
 
 
-def test_a_small_part_keeps_its_shape_where_the_body_bends_and_a_large_one_bends() -> None:
+def test_small_parts_keep_their_shape_where_large_ones_bend() -> None:
     parts = [ball(0.25, LEFT, count=200), ball(0.02, RIGHT)]
     side = side_of(*parts)
 
@@ -195,14 +195,14 @@ def test_a_small_part_keeps_its_shape_where_the_body_bends_and_a_large_one_bends
 # --- confidence of parts ------------------------------------------------------------------------------------------
 
 
-def test_trust_falls_with_the_square_of_the_distance() -> None:
+def test_confidence_falls_with_the_squared_distance() -> None:
     left = 0.8 / _confidence(0.8, np.array([0.0, 0.01, 0.02, 0.04])) - 1
     assert left[0] == 0 < left[1]
     np.testing.assert_allclose(left[2:] / left[1:-1], 4)
     assert _confidence(0.8, np.array([0.03, 0.06]))[0] > 0.4 > _confidence(0.8, np.array([0.03, 0.06]))[1]
 
 
-def test_trust_in_a_partner_falls_with_the_square_of_the_misfit() -> None:
+def test_confidence_in_a_partner_falls_with_the_squared_misfit() -> None:
     source = side_of(ball(0.04))
     theirs = source.parts(source.points)
     part, normals = theirs[0], source.mesh.vertex_normals
@@ -217,14 +217,14 @@ def test_trust_in_a_partner_falls_with_the_square_of_the_misfit() -> None:
     assert 0.2 < trust(0.5) / trust(0) < 0.8
 
 
-def test_parts_that_are_not_alone_are_trusted_more_if_they_have_a_partner() -> None:
+def test_paired_parts_have_more_confidence_than_pieces() -> None:
     whole = map_parts(pair_around_body([ROD], [ROD])).image.confidence
     pieces = map_parts(pair_around_body([ROD], thirds(ROD))).image.confidence
     assert whole.min() > 0.85
     assert 0.4 < pieces.min() < pieces.max() < 0.75
 
 
-def test_a_large_part_is_trusted_as_the_body_around_it_and_a_small_one_for_itself() -> None:
+def test_only_large_parts_take_the_trust_of_the_body() -> None:
     pair = pair_around_body([*EYES, ROD], [*EYES, ROD])
     certain, uncertain = map_parts(pair).image, map_parts(pair, 0.25).image
     on_eye = np.abs(pair.target.working.to_surface(pair.target.working.vertices)[certain.vertices, 2]) < 0.1
@@ -232,7 +232,7 @@ def test_a_large_part_is_trusted_as_the_body_around_it_and_a_small_one_for_itsel
     np.testing.assert_allclose(uncertain.confidence[~on_eye], 0.5 * certain.confidence[~on_eye])
 
 
-def test_what_does_not_fit_where_it_would_lie_has_no_image() -> None:
+def test_misfitting_part_without_a_partner_has_no_image() -> None:
     source = side_of(sheet(0.2))
     theirs = source.parts(source.points)
     up = np.tile([0, 0, 1.0], (len(theirs[0].vertices), 1))

@@ -39,7 +39,7 @@ def ball(radius: float = 1.0, centre: tuple[float, float, float] = (0, 0, 0), co
 
 
 @pytest.mark.parametrize(("radius", "low", "high"), [(0.99, 0.99, 1.0), (0.93, 0.9, 1.0), (0.7, 0.0, 0.01)])
-def test_a_main_part_lies_below_the_skin_where_it_is_near(radius: float, low: float, high: float) -> None:
+def test_main_part_covers_the_hull_where_it_is_near(radius: float, low: float, high: float) -> None:
     hull = ball().working  # unit area, so the radius is 0.28
     both = Surface.joined([ball(radius), ball(0.05, (1.05, 0, 0))])
     assert low <= main_part_coverage(both, hull) <= high
@@ -57,7 +57,7 @@ def test_only_the_largest_part_counts_as_a_main_part() -> None:
 # --- orientation of open shells -----------------------------------------------------------------------------------
 
 
-def test_open_shells_face_away_from_the_skin_and_closed_ones_stay() -> None:
+def test_open_shells_face_outwards_and_closed_ones_stay() -> None:
     hull = ball().working
     plate = np.array([[x, y, 0.98] for x in (-0.1, 0.1) for y in (-0.1, 0.1)])
     inside = ball(0.3)
@@ -73,7 +73,7 @@ def test_open_shells_face_away_from_the_skin_and_closed_ones_stay() -> None:
         assert (np.einsum("ij,ij->i", normal, centre - middle)[~on_plate] > 0).all()
 
 
-def test_open_shells_all_around_face_away_from_the_skin() -> None:
+def test_open_shells_all_around_face_outwards() -> None:
     hull = ball().working
     square = np.array([[x, y, 0.98] for x in (-0.1, 0.1) for y in (-0.1, 0.1)])
     turns = Rotation.from_rotvec(
@@ -89,7 +89,7 @@ def test_open_shells_all_around_face_away_from_the_skin() -> None:
         assert (np.einsum("mx,mx->m", np.cross(b - a, c - a), a) > 0).all()
 
 
-def test_a_closed_shell_is_wound_by_its_volume_whatever_the_skin_near_it_says() -> None:
+def test_closed_shell_is_wound_by_its_volume_not_by_the_hull() -> None:
     hull = ball().working
     inwards = replace(hull, flipped=~hull.flipped)
     mesh = Surface.joined([ball(0.9), ball(0.2, (0.6, 0, 0))]).working
@@ -107,7 +107,7 @@ def test_a_strand_with_an_open_end_is_wound_by_its_volume() -> None:
         np.testing.assert_array_equal(orient_outwards(mesh, skin).flipped, mesh.flipped)
 
 
-def test_a_tight_skin_lies_on_the_surface_and_a_plain_one_a_little_above_it() -> None:
+def test_tight_hull_is_on_the_surface_and_a_plain_one_above() -> None:
     # A needle, which has a small voxel grid, and an unused point.
     needle = ball(1.0, count=600)
     surface = Surface(np.vstack([needle.vertices * [1, 0.05, 0.05], [[0, 0, 3]]]), needle.triangles)
@@ -125,7 +125,7 @@ def test_a_tight_skin_lies_on_the_surface_and_a_plain_one_a_little_above_it() ->
 
 
 @pytest.mark.parametrize("sense", [[1, 1, 1], [-1, 1, 1], [1, -1, 1], [1, 1, -1], [-1, -1, -1]])
-def test_principal_axes_are_no_mirror(sense: list[int]) -> None:
+def test_principal_axes_are_right_handed(sense: list[int]) -> None:
     where = directions(300, 2)
     points = (where + 0.9 * np.maximum(where, 0) ** 2) * [3.0, 2.0, 1.0] * sense
     axes = _principal_axes(Surface(points, ConvexHull(where).simplices).working)
@@ -134,7 +134,7 @@ def test_principal_axes_are_no_mirror(sense: list[int]) -> None:
     assert np.sign(axes[1, 1]) == sense[1]
 
 
-def test_principal_axes_turn_with_the_surface() -> None:
+def test_principal_axes_rotate_with_the_surface() -> None:
     points, corners = egg((3, 2, 1), 2, 300)
     axes = _principal_axes(Surface(points, corners).working)
     assert np.linalg.det(axes) == pytest.approx(1)
@@ -148,8 +148,8 @@ def test_principal_axes_turn_with_the_surface() -> None:
 # --- choice of the body -------------------------------------------------------------------------------------------
 
 
-def found(monkeypatch: pytest.MonkeyPatch, covered: float, too_small: bool = False) -> list[str]:
-    """Bodies to try, in order, for a surface of two parts, the larger of which covers `covered` of the hull."""
+def bodies_to_try(monkeypatch: pytest.MonkeyPatch, covered: float, too_small: bool = False) -> list[str]:
+    """Bodies to try, in order, for a surface of two parts; the larger one covers `covered` of the hull."""
     surface = Surface.joined([ball(), ball(0.5, (1.2, 0, 0))])
 
     def main_parts(*_: object) -> tuple[str, str]:
@@ -167,8 +167,8 @@ def found(monkeypatch: pytest.MonkeyPatch, covered: float, too_small: bool = Fal
 @pytest.mark.parametrize(
     ("covered", "first"), [(0.95, ["main", "skin"]), (0.7, ["skin", "main"]), (0.3, ["skin"]), (0.85, ["skin", "main"])]
 )
-def test_a_main_part_is_the_body_if_it_lies_below_nearly_all_of_the_skin(monkeypatch, covered, first) -> None:
-    assert found(monkeypatch, covered) == first
+def test_main_part_is_the_body_if_it_covers_nearly_all_the_hull(monkeypatch, covered, first) -> None:
+    assert bodies_to_try(monkeypatch, covered) == first
 
 
 @pytest.mark.parametrize(("one", "other", "first"), [(0.7, 0.71, "main"), (0.7, 1.0, "skin"), (1.0, 0.9, "skin")])
@@ -182,17 +182,17 @@ def test_hulls_come_first_if_only_one_outside_shows_other_parts(monkeypatch, one
     assert find_bodies(pair[0], pair[1], 0)[0].source == first
 
 
-def test_each_part_makes_up_the_outside_that_it_shows() -> None:
+def test_shares_of_the_outside_are_visible_areas() -> None:
     both = Surface.joined([ball(), ball(0.2, (1.3, 0, 0)), ball(0.3)])
     shares = shares_of_outside(both, hull_of(both))
     assert shares == pytest.approx([1 / 1.04, 0, 0.04 / 1.04], abs=0.01)  # the larger of the two small ones is inside
 
 
-def test_a_main_part_that_is_too_small_leaves_the_skin(monkeypatch) -> None:
-    assert found(monkeypatch, 0.95, too_small=True) == ["skin"]
+def test_only_the_hull_is_tried_if_the_main_part_is_too_small(monkeypatch) -> None:
+    assert bodies_to_try(monkeypatch, 0.95, too_small=True) == ["skin"]
 
 
-def test_the_body_that_tells_of_less_decides_what_a_main_part_tells_of(monkeypatch) -> None:
+def test_coverage_is_the_lower_one_of_both_main_parts(monkeypatch) -> None:
     surfaces = [Surface.joined([ball(size), ball(0.5, (2, 0, 0))]) for size in (1.0, 0.9)]
     covered = {id(surfaces[0]): 0.95, id(surfaces[1]): 0.6}
     monkeypatch.setattr(bodies, "cached_hull", lambda *_: SimpleNamespace())
@@ -203,7 +203,7 @@ def test_the_body_that_tells_of_less_decides_what_a_main_part_tells_of(monkeypat
         assert [one.coverage for one in tried] == [1.0, 0.6]
 
 
-def test_surfaces_of_one_part_are_their_bodies_and_need_no_skin(monkeypatch) -> None:
+def test_surfaces_of_one_part_need_no_hull(monkeypatch) -> None:
     monkeypatch.setattr(bodies, "cached_hull", lambda *_: pytest.fail("a skin was made"))
     one, other = ball(count=100), ball(2.0, count=80)
     (found,) = find_bodies(one, other, 0)
@@ -211,7 +211,7 @@ def test_surfaces_of_one_part_are_their_bodies_and_need_no_skin(monkeypatch) -> 
     assert (len(found.source.vertices), len(found.target.vertices)) == (100, 80)
 
 
-def test_skins_stand_for_both_surfaces_and_tight_ones_if_asked_for(monkeypatch) -> None:
+def test_hulls_replace_both_surfaces_and_may_be_tight(monkeypatch) -> None:
     pair = [Surface.joined([ball(size), ball(0.5, (2, 0, 0))]) for size in (1.0, 0.9)]
     monkeypatch.setattr(bodies, "cached_hull", lambda surface, tight=False: (surface is pair[0], tight))
     monkeypatch.setattr(bodies, "main_part_coverage", lambda *_: 0.3)
@@ -222,7 +222,7 @@ def test_skins_stand_for_both_surfaces_and_tight_ones_if_asked_for(monkeypatch) 
     assert tight_bodies(pair[0], pair[1], shares) == ((True, True), (False, True), 1.0, shares)
 
 
-def test_progress_never_falls_and_ends_in_time(monkeypatch) -> None:
+def test_progress_never_falls_and_ends_at_one(monkeypatch) -> None:
     surface = Surface.joined([ball(), ball(0.5, (1.2, 0, 0))])
 
     def main_parts(*_: object) -> tuple[str, str]:
@@ -243,38 +243,38 @@ def test_progress_never_falls_and_ends_in_time(monkeypatch) -> None:
 # --- surfaces in the same place -----------------------------------------------------------------------------------
 
 
-def over_each_other(source: Surface, target: Surface) -> bool:
+def overlap(source: Surface, target: Surface) -> bool:
     shapes = (analyse(one.working.part(0)[0], 30, 60, 0) for one in (source, target))
     return overlapping(Pair(source, target, *shapes, 30, 20)) is not None
 
 
-def test_surfaces_lie_over_each_other_if_nearly_all_of_both_does() -> None:
-    assert over_each_other(ball(), ball(count=250))
-    assert over_each_other(ball(), ball(1.05, count=250))
-    assert over_each_other(ball(), ball(1.085, count=250))
-    assert not over_each_other(ball(), ball(1.3, count=250))
-    assert not over_each_other(ball(1.3), ball(count=250))
+def test_surfaces_overlap_only_if_nearly_all_of_both_does() -> None:
+    assert overlap(ball(), ball(count=250))
+    assert overlap(ball(), ball(1.05, count=250))
+    assert overlap(ball(), ball(1.085, count=250))
+    assert not overlap(ball(), ball(1.3, count=250))
+    assert not overlap(ball(1.3), ball(count=250))
 
 
 @pytest.mark.parametrize(("at", "stays"), [(0.9, True), (0.6, False)])
-def test_what_only_one_of_the_two_has_may_be_small(at: float, stays: bool) -> None:
+def test_overlap_tolerates_a_small_missing_area(at: float, stays: bool) -> None:
     whole = ball(count=600)
     cut = Surface(whole.vertices, whole.triangles[whole.vertices[whole.triangles][:, :, 2].max(axis=1) < at])
-    assert over_each_other(cut, whole) is stays
-    assert over_each_other(whole, Surface(1.03 * cut.vertices, cut.triangles)) is stays
+    assert overlap(cut, whole) is stays
+    assert overlap(whole, Surface(1.03 * cut.vertices, cut.triangles)) is stays
 
 
-def test_a_piece_in_place_lies_on_the_whole() -> None:
+def test_piece_in_place_overlaps_its_whole() -> None:
     whole = ball(count=600)
     piece = Surface(whole.vertices, whole.triangles[whole.vertices[whole.triangles][:, :, 2].max(axis=1) < 0])
-    assert over_each_other(whole, piece)
-    assert not over_each_other(whole, Surface(piece.vertices + np.array([0, 0, 0.1]), piece.triangles))
+    assert overlap(whole, piece)
+    assert not overlap(whole, Surface(piece.vertices + np.array([0, 0, 0.1]), piece.triangles))
 
 
 @pytest.mark.parametrize(
     ("moved", "part", "stays"), [(0.05, 1.0, True), (0.2, 1.0, False), (1.0, 0.1, True), (1.0, 0.3, False)]
 )
-def test_a_map_leaves_in_place_what_it_hardly_moves(moved: float, part: float, stays: bool) -> None:
+def test_map_leaves_in_place_if_little_area_moves(moved: float, part: float, stays: bool) -> None:
     places = np.random.default_rng(0).standard_normal((200, 3))
     images = places.copy()
     images[: round(200 * part), 0] += moved

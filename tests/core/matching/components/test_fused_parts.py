@@ -50,7 +50,7 @@ def map_skin(target: Surface, part: Surface = KNOB, share: float = 0.02) -> tupl
     return pair, map_components(pair, body, np.ones(len(pair.target_shape.mesh.vertices)))
 
 
-def test_a_skin_with_the_shape_of_a_part_receives_from_it() -> None:
+def test_skin_with_the_shape_of_a_part_maps_to_it() -> None:
     pair, found = map_skin(skin())
     assert (found.fused, found.left, len(found.left_vertices)) == (1, 0, 0)
     target, source = pair.target.working, pair.source.working
@@ -77,13 +77,13 @@ def test_a_skin_with_the_shape_of_a_part_receives_from_it() -> None:
     ],
     ids=["none", "larger", "another shape", "beside", "elsewhere"],
 )
-def test_a_skin_without_the_shape_of_a_part_does_not_receive_from_it(target: Surface) -> None:
+def test_skin_without_the_shape_of_a_part_does_not_map_to_it(target: Surface) -> None:
     _, found = map_skin(target)
     assert (found.fused, found.left, len(found.image.vertices)) == (0, 1, 0)
     assert len(found.left_vertices) == len(KNOB.vertices)
 
 
-def test_a_patch_that_the_body_explains_as_well_stays_with_the_body() -> None:
+def test_patch_that_fits_the_body_as_well_maps_to_the_body() -> None:
     near = np.linalg.norm(BODY.vertices - TOP, axis=1) < 2 * SIZE
     flush = Surface(1.004 * BODY.vertices, BODY.triangles[near[BODY.triangles].all(axis=1)])
     target = ball(RADIUS, count=1000, seed=1)
@@ -92,5 +92,5 @@ def test_a_patch_that_the_body_explains_as_well_stays_with_the_body() -> None:
         assert map_skin(target, flush)[1].fused == 1
 
 
-def test_parts_that_the_outside_hides_are_not_looked_for() -> None:
+def test_hidden_parts_are_not_searched() -> None:
     assert map_skin(skin(), share=0.9 * VERDICT.visible)[1].fused == 0

@@ -25,7 +25,7 @@ EYES = [ball(0.04, (0.35, 0, 0)), ball(0.04, (-0.35, 0, 0))]
 HAT = ball(0.1, (0, 0, 0.8))
 
 
-def lifted_around_body(pair: Pair) -> LiftedMap:
+def lift_around_body(pair: Pair) -> LiftedMap:
     shape = pair.target_shape
     n = len(shape.mesh.vertices)
     # Partners: the first half of the body's vertices on the target, the second half on the source.
@@ -37,9 +37,9 @@ def images(found: LiftedMap, pair: Pair) -> np.ndarray:
     return np.asarray(found.surface_map.interpolate(pair.source.vertices))
 
 
-def test_body_and_parts_lie_on_themselves() -> None:
+def test_body_and_parts_map_to_themselves() -> None:
     pair = pair_around_body(EYES, EYES)
-    found = lifted_around_body(pair)
+    found = lift_around_body(pair)
     np.testing.assert_allclose(images(found, pair), pair.target.vertices, atol=1e-6)
     assert found.placed == pytest.approx(1)
     on_body = len(BODY.vertices)
@@ -50,18 +50,18 @@ def test_body_and_parts_lie_on_themselves() -> None:
     np.testing.assert_array_equal(found.partners.source, [*~first, *np.ones(len(found.confidence) - on_body, bool)])
 
 
-def test_parts_may_stand_before_the_body() -> None:
+def test_parts_may_come_before_the_body() -> None:
     surfaces = [Surface.joined([*EYES, BODY]) for _ in range(2)]
     shapes = [shape_of(surface) for surface in surfaces]
     pair = Pair(surfaces[0], surfaces[1], shapes[0], shapes[1], 20, 10)
-    found = lifted_around_body(pair)
+    found = lift_around_body(pair)
     np.testing.assert_allclose(images(found, pair), pair.target.vertices, atol=1e-6)
     assert found.confidence.min() > 0.15
 
 
-def test_a_part_without_a_partner_takes_the_nearest_place_of_the_body_and_no_confidence() -> None:
+def test_unpaired_part_maps_to_the_body_with_zero_confidence() -> None:
     pair = pair_around_body(EYES, [*EYES, HAT])
-    found = lifted_around_body(pair)
+    found = lift_around_body(pair)
     hat = np.arange(len(pair.target.vertices)) >= len(pair.source.vertices)
     np.testing.assert_array_equal(found.confidence[hat], 0)
     np.testing.assert_allclose(np.linalg.norm(images(found, pair)[hat], axis=1), RADIUS, rtol=0.03)
@@ -72,18 +72,18 @@ def test_a_part_without_a_partner_takes_the_nearest_place_of_the_body_and_no_con
 
 
 @pytest.mark.parametrize("loose", [[], EYES])
-def test_a_part_of_the_source_that_nothing_lies_on_has_no_partner(loose: list[Surface]) -> None:
+def test_source_part_without_images_has_no_partner(loose: list[Surface]) -> None:
     pair = pair_around_body([*loose, HAT], loose)
-    found = lifted_around_body(pair)
+    found = lift_around_body(pair)
     beside = found.partners.source[len(BODY.vertices) :]
     np.testing.assert_array_equal(beside, np.arange(len(beside)) < len(beside) - len(HAT.vertices))
 
 
-def test_points_that_no_face_uses_lie_near_and_such_that_are_nowhere_are_let_be() -> None:
+def test_unused_points_map_nearby_and_nan_points_are_accepted() -> None:
     pair = pair_around_body(EYES, EYES)
     loose = np.array([[0, 0, 0.5], [np.nan, 0, 0]])
     target = Surface(np.vstack([loose, pair.target.vertices]), pair.target.triangles + 2)
-    found = lifted_around_body(replace(pair, target=target, target_shape=shape_of(target)))
+    found = lift_around_body(replace(pair, target=target, target_shape=shape_of(target)))
     np.testing.assert_allclose(images(found, pair)[0], [0, 0, RADIUS], atol=0.03)
     np.testing.assert_array_equal(found.confidence[:2], 0)
     assert found.partners.target[:2].all()
@@ -94,9 +94,9 @@ def test_points_that_no_face_uses_lie_near_and_such_that_are_nowhere_are_let_be(
 # --- notes --------------------------------------------------------------------------------------------------------
 
 
-def test_notes_say_what_became_of_parts() -> None:
+def test_notes_report_paired_and_unpaired_parts() -> None:
     def notes(source: list[Surface], target: list[Surface]) -> tuple[str, ...]:
-        return lifted_around_body(pair_around_body(source, target)).notes
+        return lift_around_body(pair_around_body(source, target)).notes
 
     assert notes([], []) == ()
     assert notes(EYES, EYES) == ("2 loose parts paired with parts of the source by position, size and shape.",)
@@ -108,14 +108,14 @@ def test_notes_say_what_became_of_parts() -> None:
     )
 
 
-def test_notes_on_a_surface_and_itself_speak_of_one_surface() -> None:
+def test_notes_of_a_self_map_mention_one_surface() -> None:
     pair = pair_around_body(EYES, EYES)
     own = replace(pair, target=pair.source, target_shape=pair.source_shape)
-    (note,) = lifted_around_body(own).notes
+    (note,) = lift_around_body(own).notes
     assert note == "2 loose parts mapped to their partners, or to themselves, by position, size and shape."
 
 
-def test_it_is_noted_that_a_body_is_not_the_largest_part() -> None:
+def test_notes_report_a_body_that_is_not_the_largest_part() -> None:
     cloak = sheet(2.0, (0, 0, -2))
     surface = Surface.joined([BODY, cloak])
     for number, smaller in ((0, False), (1, True)):
@@ -124,17 +124,17 @@ def test_it_is_noted_that_a_body_is_not_the_largest_part() -> None:
     first = (
         "The main part of the {} is not its largest part, but the one most similar to the main part of the other mesh."
     )
-    assert lifted_around_body(pair).notes[:2] == (first.format("source"), first.format("target"))
+    assert lift_around_body(pair).notes[:2] == (first.format("source"), first.format("target"))
     own = replace(pair, target=pair.source, target_shape=pair.source_shape)
     assert (
-        lifted_around_body(own).notes[0] == "The symmetry was detected on the main part, which is not the largest part."
+        lift_around_body(own).notes[0] == "The symmetry was detected on the main part, which is not the largest part."
     )
 
 
 # --- shells -------------------------------------------------------------------------------------------------------
 
 
-def laid(pair: Any, **of: Any) -> ShellMap:
+def shell_map(pair: Any, **of: Any) -> ShellMap:
     """A map of shells onto themselves."""
     mesh = pair.target.working
     corner = np.zeros(len(mesh.vertices), dtype=np.int64)
@@ -153,9 +153,9 @@ def shells(loose: int = 1) -> Any:
     return SimpleNamespace(source=surface, target=surface)
 
 
-def test_shells_take_their_images_and_lone_points_those_of_the_nearest() -> None:
+def test_unused_points_take_the_image_of_the_nearest_shell() -> None:
     pair = shells()
-    found = _from_shells(pair, laid(pair))
+    found = _from_shells(pair, shell_map(pair))
     on = found.surface_map.interpolate(np.nan_to_num(pair.source.vertices))
     np.testing.assert_allclose(on[2:], pair.target.vertices[2:], atol=1e-9)
     assert np.linalg.norm(on[0] - pair.target.vertices[0]) < 0.02
@@ -167,23 +167,23 @@ def test_shells_take_their_images_and_lone_points_those_of_the_nearest() -> None
     np.testing.assert_array_equal(found.partners.source, [True, True, *~first])
 
 
-def test_notes_say_what_became_of_shells() -> None:
+def test_notes_report_paired_shells() -> None:
     pair = shells()
 
     def notes(**of: Any) -> tuple[str, ...]:
-        return _from_shells(pair, laid(pair, **of)).notes
+        return _from_shells(pair, shell_map(pair, **of)).notes
 
     assert notes() == ()
     assert notes(paired=2) == ("2 of 2 parts matched to their partners by position, size and shape.",)
     assert notes(paired=1)[0].endswith("; the others were mapped to the nearest surface.")
     assert notes(in_place=True)[0].startswith("The two meshes overlap in place")
-    assert _from_shells(pair, laid(pair, alone=0.2)).placed == pytest.approx(0.8)
+    assert _from_shells(pair, shell_map(pair, alone=0.2)).placed == pytest.approx(0.8)
 
 
-def test_skins_are_mapped_by_their_shells(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_hulls_are_lifted_by_their_shells(monkeypatch: pytest.MonkeyPatch) -> None:
     pair = shells()
     hull = SimpleNamespace(proxy=SimpleNamespace(full=SimpleNamespace(is_hull=True)))
-    found = laid(pair, paired=2)
+    found = shell_map(pair, paired=2)
     monkeypatch.setattr(module, "map_shells", lambda *_: found)
     both: Any = SimpleNamespace(source=pair.source, target=pair.target, target_shape=hull)
     assert lift(both, None, None, None).notes == _from_shells(pair, found).notes  # type: ignore[arg-type]

@@ -26,13 +26,13 @@ def size(surface: Surface) -> float:
     return float(np.sqrt(surface.area))
 
 
-def test_the_largest_part_is_the_body_where_the_rest_is_small() -> None:
+def test_largest_part_is_the_body_if_the_rest_is_small() -> None:
     both = Surface.joined([EGG, ball(0.5, (5, 0, 0))])
     assert bodies(both, EGG) == pytest.approx((size(EGG), size(EGG)))
     assert bodies(both, both) == pytest.approx((size(EGG), size(EGG)))
 
 
-def test_of_parts_of_like_size_the_one_whose_spectrum_is_the_others_is_the_body() -> None:
+def test_spectrum_chooses_between_parts_of_similar_size() -> None:
     both = Surface.joined([EGG, PLUM])
     assert size(EGG) > size(PLUM)
     for alone in (EGG, PLUM):
@@ -41,17 +41,17 @@ def test_of_parts_of_like_size_the_one_whose_spectrum_is_the_others_is_the_body(
         assert bodies(other, both) == pytest.approx((3 * size(alone), size(alone)))
 
 
-def test_of_parts_that_are_as_like_the_largest_are_the_bodies() -> None:
+def test_largest_parts_are_the_bodies_if_spectra_agree() -> None:
     twins = Surface.joined([EGG, ball(0.9, (5, 0, 0), radii=(2, 1, 1), count=180)])
     assert bodies(twins, twins) == pytest.approx((size(EGG), size(EGG)))
 
 
-def test_the_largest_of_like_parts_is_the_body_though_a_smaller_one_has_the_very_mesh() -> None:
+def test_largest_part_wins_over_a_smaller_one_of_the_same_mesh() -> None:
     larger = ball(1.1, (6, 0, 0), radii=(2, 1, 1), count=190, seed=4)
     assert bodies(EGG, Surface.joined([EGG, larger])) == pytest.approx((size(EGG), size(larger)))
 
 
-def test_of_pairs_that_are_as_like_the_one_that_is_largest_on_both_sides_is_taken() -> None:
+def test_pair_that_is_largest_on_both_sides_wins_a_tie() -> None:
     plum = PLUM.with_vertices(PLUM.vertices * (1.2 * size(EGG) / size(PLUM)) + np.array([9, 0, 0]))
     larger = EGG.with_vertices(1.3 * EGG.vertices)
     one, other = Surface.joined([larger, PLUM]), Surface.joined([EGG, plum])
@@ -59,19 +59,19 @@ def test_of_pairs_that_are_as_like_the_one_that_is_largest_on_both_sides_is_take
     assert bodies(other, one) == pytest.approx((size(EGG), 1.3 * size(EGG)))
 
 
-def test_of_parts_that_are_as_like_closed_ones_are_the_bodies() -> None:
+def test_closed_parts_win_a_tie() -> None:
     cloth = Surface.joined([EGG, sheet(6.5, (0, 0, 3))])
     assert size(cloth) ** 2 > 2 * size(EGG) ** 2
     assert bodies(cloth, cloth) == pytest.approx((size(EGG), size(EGG)))
 
 
-def test_parts_of_less_than_a_third_are_not_the_body_and_of_half_may_be() -> None:
+def test_only_parts_of_comparable_area_may_be_the_body() -> None:
     for factor, count in ((0.5, 1), (0.72, 2)):
         small = EGG.with_vertices(factor * EGG.vertices + np.array([9, 0, 0]))
         assert len(_comparable(Surface.joined([EGG, small]), "source")) == count
 
 
-def test_a_spectrum_is_the_logarithm_of_the_eigenvalues_of_unit_area_but_the_first() -> None:
+def test_spectrum_is_the_log_of_eigenvalues_at_unit_area() -> None:
     for radius in (1.0, 20.0):
         found = _spectrum(ball(radius, count=400).working.part(0)[0], 9, 0)
         # Eigenvalues of a sphere: l (l + 1) / r^2, each 2 l + 1 times.
@@ -80,7 +80,7 @@ def test_a_spectrum_is_the_logarithm_of_the_eigenvalues_of_unit_area_but_the_fir
         assert len(found) == 8
 
 
-def test_a_surface_whose_largest_part_is_too_coarse_is_refused_by_name() -> None:
+def test_too_coarse_surface_is_refused_by_name() -> None:
     coarse = ball(1.0, count=11)
     for source, target, name in ((coarse, EGG, "source"), (EGG, coarse, "target"), (coarse, coarse, "mesh")):
         said = f"largest part of the {name} has only 11 vertices.*subdivide it to at least 12"
@@ -88,30 +88,30 @@ def test_a_surface_whose_largest_part_is_too_coarse_is_refused_by_name() -> None
             main_parts(source, target, 0)
 
 
-def test_the_vertices_of_the_largest_part_are_told_where_all_are_too_coarse() -> None:
+def test_error_counts_the_vertices_of_the_largest_part() -> None:
     both = Surface.joined([ball(0.9, (5, 0, 0), count=10), ball(1.0, count=11)])
     with pytest.raises(MeshError, match="has only 11 vertices"):
         main_parts(both, EGG, 0)
 
 
-def test_parts_that_have_no_rivals_are_taken_unseen(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_parts_without_rivals_are_chosen_without_spectra(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "_spectrum", lambda *_: pytest.fail("a spectrum was computed"))
     assert bodies(EGG, PLUM) == pytest.approx((size(EGG), size(PLUM)))
 
 
-def test_parts_of_as_few_vertices_as_may_be_are_compared() -> None:
+def test_parts_with_the_minimum_of_vertices_are_compared() -> None:
     both = Surface.joined([ball(1.0, count=12), ball(0.9, (5, 0, 0), count=12)])
     one, other = main_parts(both, both, 0)
     assert len(one.vertices) == len(other.vertices) == 12
 
 
-def test_one_eigenvalue_is_enough_where_it_tells_parts_apart(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_one_eigenvalue_can_distinguish_parts(monkeypatch: pytest.MonkeyPatch) -> None:
     both = Surface.joined([EGG, PLUM])
     monkeypatch.setattr(module, "COMPARED_EIGENVALUES", 1)
     assert bodies(both, PLUM) == pytest.approx((size(PLUM), size(PLUM)))
 
 
-def test_progress_never_falls_and_ends_in_time() -> None:
+def test_progress_never_falls_and_ends_at_one() -> None:
     both = Surface.joined([EGG, PLUM])
     fractions = fractions_of(lambda: main_parts(both, EGG, 0))
     assert fractions == sorted(fractions)

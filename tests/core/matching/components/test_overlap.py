@@ -20,7 +20,7 @@ def pair_of(source: Surface, target: Surface) -> Pair:
     return Pair(source, target, *(cached_analysis(part, 60, 200, 0, None) for part in parts), 60, 20)
 
 
-def test_surfaces_that_lie_over_each_other_are_told_from_those_that_do_not() -> None:
+def test_overlapping_surfaces_are_detected() -> None:
     resting, other, bent = creature(800).surface, creature(700, seed=1).surface, creature(700, seed=1, bend=0.9).surface
     places = overlapping(pair_of(resting, other))
     assert places is not None
@@ -42,7 +42,7 @@ def test_a_map_that_swaps_limbs_does_not_leave_things_in_place() -> None:
 
 
 @pytest.mark.slow
-def test_of_maps_that_are_as_good_the_one_that_stays_is_first_but_not_sure() -> None:
+def test_map_in_place_wins_a_tie_but_is_uncertain() -> None:
     balls = [Surface(points, ConvexHull(points).simplices) for points in (directions(2000, 3), directions(1500, 4))]
     result = zo.match(*balls)
     off = np.linalg.norm(result.surface_map.interpolate(balls[0].vertices) - balls[1].vertices, axis=1)

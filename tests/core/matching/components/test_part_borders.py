@@ -72,17 +72,17 @@ def strays(straightening: float) -> tuple[int, int]:
     return cut(component[triangle]), cut(component[after])
 
 
-def test_parts_that_overlap_meet_in_a_short_line() -> None:
+def test_overlapping_parts_meet_in_a_short_border() -> None:
     before, after = strays(PART_BORDERS.straightening)
     assert after < 0.6 * before
 
 
-def test_without_a_cost_of_borders_each_vertex_keeps_the_nearest_part() -> None:
+def test_vertices_keep_the_nearest_part_without_a_border_cost() -> None:
     before, after = strays(1e-6)
     assert after == before
 
 
-def test_a_shirt_covers_what_is_below_it() -> None:
+def test_shirt_covers_the_body_below_it() -> None:
     surface = both(sheet(0, 1), sheet(0.3, 0.7, 0.01))
     side = side_of(surface)
     covered = find_covered(side, np.ones(len(side.points), dtype=bool))[side.mesh.vertex_of]
@@ -108,6 +108,6 @@ def images_below_a_shirt(cover: float) -> np.ndarray:
     return component[image.triangle] != component[0]
 
 
-def test_errors_of_a_map_do_not_reach_below_a_shirt() -> None:
+def test_images_below_a_shirt_are_moved_onto_it() -> None:
     assert images_below_a_shirt(SHELL_IMAGES.cover).all()
     assert not images_below_a_shirt(0.0).any()

@@ -25,12 +25,12 @@ ANGLE, SLIDE = 0.3, 0.025
 HINGE = np.array([0.15, 0, 0])
 
 
-def unturned(points: np.ndarray) -> np.ndarray:
+def no_rotations(points: np.ndarray) -> np.ndarray:
     return np.tile(np.eye(3), (len(points), 1, 1))
 
 
 # The motion of the body, which keeps sizes and sides.
-MOTION: Any = SimpleNamespace(scale=1.0, handedness=1.0, rotations=unturned)
+MOTION: Any = SimpleNamespace(scale=1.0, handedness=1.0, rotations=no_rotations)
 
 
 def ellipsoids() -> zo.Surface:
@@ -45,9 +45,9 @@ def turn(points: np.ndarray, bend: float) -> np.ndarray:
 
 
 def match_ellipsoids(bend: float = 0.0) -> tuple[PartMotions, Integers, Integers, Integers]:
-    """The motions of two ellipsoids of which the second has turned, along a map that is wrong beside the hinge.
+    """Fit motions to two ellipsoids, the second of which is rotated, by a map that is wrong beside the hinge.
 
-    Returns them with the part of each vertex, that by the map, and that by the motions.
+    Returns the motions, and the part of each vertex: the true one, by the map, and by the motions.
     """
     surface = ellipsoids()
     posed = np.where(surface.components[:, None] == 1, turn(surface.vertices, bend), surface.vertices)
@@ -66,26 +66,26 @@ def match_ellipsoids(bend: float = 0.0) -> tuple[PartMotions, Integers, Integers
     return motions, right, component[triangle], component[after]
 
 
-def test_a_part_that_turns_takes_its_vertices_beside_the_hinge() -> None:
+def test_rotating_part_regains_its_vertices_beside_the_hinge() -> None:
     motions, right, before, after = match_ellipsoids()
     assert motions.rigid.all()
     assert (before != right).sum() > 15
     assert (after != right).sum() < 0.2 * (before != right).sum()
 
 
-def test_a_part_that_bends_has_no_motion_of_its_own() -> None:
+def test_bending_part_has_no_rigid_motion() -> None:
     motions, _, _, _ = match_ellipsoids(bend=5)
     assert motions.rigid[:2].tolist() == [True, False]
 
 
-def test_pieces_of_a_part_that_bends_strongly_move_with_the_body() -> None:
+def test_pieces_of_a_strongly_bending_part_follow_the_body() -> None:
     motions, right, before, after = match_ellipsoids(bend=40)
     assert motions.rigid.tolist()[:2] == [True, False]
     assert not motions.rigid[2:].any()
     assert (after != right).sum() < (before != right).sum()
 
 
-def test_pieces_of_a_part_that_folds_move_by_themselves() -> None:
+def test_pieces_of_a_folding_part_move_rigidly() -> None:
     rest = ball(0.4, (0, 0, 0), (1, 0.3, 0.2), 2000)
     fold = Rotation.from_rotvec([0, 0, 0.8])
     outer = rest.vertices[:, 0] > 0
@@ -107,7 +107,7 @@ def test_pieces_of_a_part_that_folds_move_by_themselves() -> None:
     assert np.linalg.norm(places - source.points[away], axis=1).max() < SLIDE / 2
 
 
-def test_no_part_moves_by_itself_without_usable_vertices() -> None:
+def test_parts_without_usable_vertices_have_no_rigid_motion() -> None:
     side = side_of(ellipsoids())
     part, normals, triangles = side.mesh.component, side.mesh.vertex_normals, side.mesh.triangles
     none = np.zeros(len(part), dtype=bool)
@@ -118,9 +118,7 @@ def test_no_part_moves_by_itself_without_usable_vertices() -> None:
 
 
 @pytest.mark.parametrize(("apart", "taken"), [(0.005, False), (0.015, True)])
-def test_a_part_that_bends_takes_vertices_of_a_rigid_one_only_if_it_is_clearly_nearer(
-    apart: float, taken: bool
-) -> None:
+def test_bending_part_takes_rigid_vertices_only_if_clearly_nearer(apart: float, taken: bool) -> None:
     source, target = side_of(both(sheet(0, 0.55, apart), sheet(0.45, 1.0))), side_of(zo.Surface(*sheet(0, 1)))
     component = source.mesh.component[source.mesh.triangles[:, 0]]
     rigid = component[0]

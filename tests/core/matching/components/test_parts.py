@@ -93,7 +93,7 @@ def sewn() -> Match:
 
 
 @pytest.mark.slow
-def test_clothes_bend_with_the_body_and_land_on_their_own(torn: Match) -> None:
+def test_clothes_bend_with_the_body_and_map_to_their_partners(torn: Match) -> None:
     result, source, target = torn
     assert errors(result, source, target, "trousers").mean() < 0.02
     assert (errors(result, source, target, "trousers") < 0.03).mean() > 0.9
@@ -109,7 +109,7 @@ def test_left_and_right_eyes_keep_their_sides(torn: Match) -> None:
         assert (result.confidence[target.parts[name]] > 0.5).all()
 
 
-def test_pieces_of_what_the_source_has_in_one_lie_on_it(torn: Match) -> None:
+def test_target_pieces_map_to_the_whole_source_part(torn: Match) -> None:
     result, source, target = torn
     for name in ("sleeve.L", "sleeve.R", "bodice"):
         assert np.isin(result.surface_map.vertex[target.parts[name]], source.parts["shirt"]).all()
@@ -132,7 +132,7 @@ def test_parts_that_only_one_side_has_are_reported(torn: Match) -> None:
 
 
 @pytest.mark.slow
-def test_what_the_source_has_in_pieces_lies_on_all_of_them(sewn: Match) -> None:
+def test_whole_target_part_maps_to_all_source_pieces(sewn: Match) -> None:
     result, source, target = sewn
     here, rest = target.parts["shirt"], target.keys[target.parts["shirt"]]
     image = result.surface_map.vertex[here]
@@ -144,7 +144,7 @@ def test_what_the_source_has_in_pieces_lies_on_all_of_them(sewn: Match) -> None:
 
 
 @pytest.mark.slow
-def test_more_hair_than_can_be_paired_lies_on_hair_nearby(sewn: Match) -> None:
+def test_hair_beyond_the_limit_maps_to_nearby_hair(sewn: Match) -> None:
     result, source, target = sewn
     cards = np.concatenate([vertices for name, vertices in target.parts.items() if name.startswith("card")])
     theirs = np.concatenate([vertices for name, vertices in source.parts.items() if name.startswith("card")])
@@ -175,7 +175,7 @@ def test_a_cloak_larger_than_its_wearer_is_not_taken_for_the_body() -> None:
 
 
 @pytest.mark.slow
-def test_the_largest_parts_are_matched_where_nothing_speaks_against_it() -> None:
+def test_largest_parts_are_matched_by_default() -> None:
     """A suit has nearly the size and shape of its wearer."""
     whole = [shell("suit", lambda rest: rest[:, 2] < 1.3, 0.01, 800, seed) for seed in (3, 4)]
     source, target = dress(whole[:1], 1200, 0), dress(whole[1:], 1000, 1, 0.9)
@@ -199,7 +199,7 @@ def sphere(radius: float) -> Surface:
 
 
 @pytest.mark.parametrize("mirror", [1, -1])
-def test_a_body_that_turns_or_is_mirrored_takes_along_what_is_around_it_exactly(mirror: int) -> None:
+def test_surroundings_follow_a_rotated_or_mirrored_body_exactly(mirror: int) -> None:
     basis = zo.eigenbasis(creature(1000).surface, 60)
     places = creature(1000).surface.working.vertices
     linear = 0.7 * Rotation.from_rotvec([0.3, -1, 0.5]).as_matrix() * [mirror, 1, 1]
@@ -213,7 +213,7 @@ def test_a_body_that_turns_or_is_mirrored_takes_along_what_is_around_it_exactly(
     np.testing.assert_allclose(trust, 0.4)
 
 
-def test_what_lies_around_limbs_bends_with_them() -> None:
+def test_surroundings_of_limbs_bend_with_them() -> None:
     """Shells above the same body at rest and bent, with an exact map of the body."""
     bodies = [creature(2000, bend=bend).surface.working for bend in (0.9, 0.0)]
     motion = SimilarityField(
@@ -237,7 +237,7 @@ def test_regions_decide_between_parts_in_one_place() -> None:
     assert pair_parts(ours, theirs[:1], named[0], named[1][:1])[0] == {}
 
 
-def test_a_shape_decides_between_parts_of_one_place_and_size() -> None:
+def test_shape_decides_between_parts_of_equal_place_and_size() -> None:
     """A ball, and a ball cut into halves that are joined at the top."""
     points = 0.1 * directions(600, 3)
     triangles = ConvexHull(points).simplices
@@ -250,7 +250,7 @@ def test_a_shape_decides_between_parts_of_one_place_and_size() -> None:
     assert pair_parts(ours, theirs[:1], none[0], none[1][:1])[0] == {0: 0}
 
 
-def test_hems_that_belong_together_are_brought_together() -> None:
+def test_hems_are_attracted_to_their_partners() -> None:
     """A tube that the body's map shortens slightly at both ends, and one that is cut shorter."""
     turn, along = (axis.ravel() for axis in np.meshgrid(np.arange(20) * np.pi / 10, np.linspace(0, 1, 20)))
     tube = np.column_stack([0.1 * np.cos(turn), 0.1 * np.sin(turn), along])

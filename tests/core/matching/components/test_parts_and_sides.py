@@ -18,7 +18,7 @@ from zoomout_core.samples.spheres import ball
 EYES = [ball(0.04, (0.35, 0, 0)), ball(0.03, (-0.35, 0, 0))]
 
 
-def paired(ours: list[Part], theirs: list[Part]) -> dict[int, int]:
+def pair_without_regions(ours: list[Part], theirs: list[Part]) -> dict[int, int]:
     """Pair parts without regions."""
     return paired_in_regions(ours, theirs, np.zeros((len(ours), 0), bool), np.zeros((len(theirs), 0), bool))[0]
 
@@ -41,7 +41,7 @@ def test_centre_size_and_reach_of_a_part_are_those_of_its_shape() -> None:
     assert 0.25 < long.size < 0.35
 
 
-def test_the_distance_to_another_part_is_the_root_mean_square_over_all_of_a_part() -> None:
+def test_distance_to_another_part_is_the_root_mean_square() -> None:
     flat = part_of(sheet(0.2, count=20))
     above = part_of(sheet(0.2, (0, 0, 0.05), count=20))
     assert flat.distance_to(above) == pytest.approx(0.05)
@@ -51,7 +51,7 @@ def test_the_distance_to_another_part_is_the_root_mean_square_over_all_of_a_part
     assert flat.distance_to(half) == pytest.approx(0.1 / np.sqrt(6), rel=0.3)
 
 
-def test_a_shape_is_told_by_distances_along_it_whatever_its_size_place_and_bend() -> None:
+def test_distances_along_a_part_ignore_size_place_and_bending() -> None:
     plain = part_of(sheet(0.4)).distances
     np.testing.assert_allclose(part_of(sheet(4.0, (3, 3, 3))).distances, plain, rtol=1e-9)
     x, y, _ = sheet(1.0).vertices.T
@@ -67,7 +67,7 @@ def test_a_shape_is_told_by_distances_along_it_whatever_its_size_place_and_bend(
 # --- a side ---------------------------------------------------------------------------------------------------------
 
 
-def test_a_side_has_its_body_and_all_other_parts_in_the_bodys_unit() -> None:
+def test_side_has_all_parts_in_the_unit_of_its_body() -> None:
     surface = Surface.joined([*EYES, BODY.with_vertices(10 * BODY.vertices), ball(2.0, (9, 0, 0))])
     body = surface.working.part(0)[0]
     side = Side.of(surface, body)
@@ -86,7 +86,7 @@ def test_a_side_has_its_body_and_all_other_parts_in_the_bodys_unit() -> None:
     assert sum(len(part.vertices) for part in parts) == side.loose.sum()
 
 
-def test_parts_stand_for_the_area_of_their_triangles_and_slivers_for_a_little() -> None:
+def test_parts_are_weighted_by_area_and_slivers_count_little() -> None:
     uneven = sheet(1.0).with_vertices(4 * sheet(1.0).vertices ** 3)
     surface = Surface.joined(
         [BODY.with_vertices(9 * BODY.vertices), uneven, Surface([[0, 0, 9], [1, 0, 9], [2, 1e-12, 9]], [[0, 1, 2]])]
@@ -99,7 +99,7 @@ def test_parts_stand_for_the_area_of_their_triangles_and_slivers_for_a_little() 
     assert cloth.size == pytest.approx(np.sqrt(2 / 12) * np.ptp(cloth.points[:, 0]), rel=0.08)
 
 
-def test_a_skin_is_no_part_so_that_all_are_loose() -> None:
+def test_all_parts_are_loose_around_a_hull() -> None:
     surface = Surface.joined([*EYES, ball(0.1)])
     hull = replace(BODY.working, is_hull=True)
     side = Side.of(surface, hull)
@@ -109,7 +109,7 @@ def test_a_skin_is_no_part_so_that_all_are_loose() -> None:
     np.testing.assert_allclose(side.points, hull.from_surface(side.mesh.to_surface(side.mesh.vertices)))
 
 
-def test_a_part_belongs_to_the_regions_that_hold_most_of_it() -> None:
+def test_part_belongs_to_regions_with_most_of_its_vertices() -> None:
     lone = np.array([[0, 0, 5.0]])
     joined = Surface.joined([BODY, *EYES])
     surface = Surface(np.vstack([joined.vertices, lone]), joined.triangles)
@@ -125,7 +125,7 @@ def test_a_part_belongs_to_the_regions_that_hold_most_of_it() -> None:
         assert not twice.any()
 
 
-def test_all_vertices_count_as_members() -> None:
+def test_membership_needs_more_than_half_of_the_vertices() -> None:
     side = Side.of(Surface.joined(EYES), replace(BODY.working, is_hull=True))
     for first in (0, 60):
         members = side.members([first + np.arange(31), first + np.arange(30)])
@@ -136,7 +136,7 @@ def test_all_vertices_count_as_members() -> None:
 # --- partners -----------------------------------------------------------------------------------------
 
 
-def test_regions_favour_what_they_share_and_part_what_they_do_not() -> None:
+def test_shared_regions_favour_pairs_and_different_ones_forbid_them() -> None:
     none, one, other, both = [False, False], [True, False], [False, True], [True, True]
     relation = relation_of(np.array([none, one, both]), np.array([none, one, other, both]))
     shared = relation[1, 1]
@@ -146,42 +146,42 @@ def test_regions_favour_what_they_share_and_part_what_they_do_not() -> None:
     )
 
 
-def test_partners_are_of_one_place() -> None:
+def test_partners_must_be_in_the_same_place() -> None:
     # The limit depends on the size and on the tolerated error of a map.
     for radius, near, far in ((0.2, 0.08, 0.3), (0.02, 0.02, 0.05)):
         ours = balls((0, 0, 0), radius=radius)
-        assert paired(ours, balls((near, 0, 0), radius=radius)) == {0: 0}
-        assert paired(ours, balls((far, 0, 0), radius=radius)) == {}
+        assert pair_without_regions(ours, balls((near, 0, 0), radius=radius)) == {0: 0}
+        assert pair_without_regions(ours, balls((far, 0, 0), radius=radius)) == {}
 
 
-def test_partners_are_of_one_size() -> None:
+def test_partners_must_have_similar_size() -> None:
     ours = balls((0, 0, 0))
     for radius, mates in ((0.12, True), (0.08, True), (0.19, False), (0.05, False)):
-        assert paired(ours, balls((0, 0, 0), radius=radius)) == ({0: 0} if mates else {})
+        assert pair_without_regions(ours, balls((0, 0, 0), radius=radius)) == ({0: 0} if mates else {})
 
 
-def test_of_several_the_nearest_and_most_alike_is_the_partner() -> None:
+def test_nearest_and_most_similar_part_is_the_partner() -> None:
     ours = balls((0, 0, 0))
     places = [(0.03, 0, 0), (0.01, 0, 0), (0, 0.04, 0)]
-    assert paired(ours, balls(*places)) == {0: 1}
+    assert pair_without_regions(ours, balls(*places)) == {0: 1}
     sizes = [part_of(ball(radius)) for radius in (0.12, 0.101, 0.09)]
-    assert paired(ours, sizes) == {0: 1}
+    assert pair_without_regions(ours, sizes) == {0: 1}
 
 
-def test_all_together_are_as_near_as_can_be() -> None:
+def test_pairing_minimises_the_total_distance() -> None:
     # A greedy choice for the first would take the second's only partner.
     ours, theirs = balls((0, 0, 0), (0.04, 0, 0)), balls((0.015, 0, 0), (-0.04, 0, 0))
-    assert paired(ours, theirs) == {0: 1, 1: 0}
-    assert paired(ours[:1], theirs) == {0: 0}
-    assert paired(ours, theirs[:1]) in ({0: 0}, {1: 0})
+    assert pair_without_regions(ours, theirs) == {0: 1, 1: 0}
+    assert pair_without_regions(ours[:1], theirs) == {0: 0}
+    assert pair_without_regions(ours, theirs[:1]) in ({0: 0}, {1: 0})
 
 
-def test_a_part_among_many_finds_its_own() -> None:
+def test_each_of_many_equal_parts_finds_its_partner() -> None:
     places = [(0.012 * i, 0, 0) for i in range(15)]
-    assert paired(balls(*places), balls(*places)) == {i: i for i in range(15)}
+    assert pair_without_regions(balls(*places), balls(*places)) == {i: i for i in range(15)}
 
 
-def test_misfits_are_infinite_for_strangers_alone() -> None:
+def test_misfit_is_infinite_only_across_regions() -> None:
     ours, theirs = balls((0, 0, 0), (0.5, 0, 0)), balls((0, 0, 0), (0.5, 0, 0))
     named = np.array([[True, False], [False, True]])
     partners, misfit = paired_in_regions(ours, theirs, named, named)

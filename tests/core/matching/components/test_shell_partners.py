@@ -41,7 +41,7 @@ def side(shells: Sequence[np.ndarray], corners: np.ndarray = CORNERS) -> Side:
     return Side(mesh, points, np.ones(len(points)), np.zeros(0, dtype=np.int64))
 
 
-def paired(
+def pair_numbers(
     target: Sequence[np.ndarray],
     source: Sequence[np.ndarray],
     regions: Sequence[tuple[int, int]] = (),
@@ -66,49 +66,49 @@ def paired(
     return {numbers[0][i]: numbers[1][j] for i, j in chosen}
 
 
-def test_a_shell_is_paired_with_its_like_if_that_is_near() -> None:
-    assert paired([egg()], [egg((0.05, 0, 0))]) == {0: 0}
+def test_shell_is_paired_only_with_a_near_partner() -> None:
+    assert pair_numbers([egg()], [egg((0.05, 0, 0))]) == {0: 0}
     for far in (0.19, 0.6):
-        assert paired([egg()], [egg((far, 0, 0))]) == {}
+        assert pair_numbers([egg()], [egg((far, 0, 0))]) == {}
 
 
-def test_a_shell_is_not_paired_with_one_of_another_size_or_shape() -> None:
-    assert paired([egg()], [egg(size=1.2)]) == {0: 0}
-    assert paired([egg()], [egg(size=2.2)]) == {}
-    assert paired([egg()], [egg(size=0.45)]) == {}
-    assert paired([egg()], [egg(radii=(1.6, 0.1, 0.1))]) == {}
+def test_shells_of_different_size_or_shape_are_not_paired() -> None:
+    assert pair_numbers([egg()], [egg(size=1.2)]) == {0: 0}
+    assert pair_numbers([egg()], [egg(size=2.2)]) == {}
+    assert pair_numbers([egg()], [egg(size=0.45)]) == {}
+    assert pair_numbers([egg()], [egg(radii=(1.6, 0.1, 0.1))]) == {}
 
 
-def test_another_mesh_of_a_shell_is_its_like() -> None:
+def test_another_mesh_of_a_shell_is_its_partner() -> None:
     where = directions(len(WHERE), 5)
     other = SIZE * (where + 0.9 * np.maximum(where, 0) ** 2) * (1.0, 0.7, 0.45)
     mesh = Surface(other - other.mean(axis=0), ConvexHull(where).simplices)
-    assert paired([egg()], [egg()]) == paired([egg()], [mesh.vertices], corners=mesh.triangles) == {0: 0}
+    assert pair_numbers([egg()], [egg()]) == pair_numbers([egg()], [mesh.vertices], corners=mesh.triangles) == {0: 0}
 
 
-def test_of_two_that_are_alike_the_nearer_one_is_taken() -> None:
+def test_nearer_of_two_equal_shells_is_paired() -> None:
     for places in ((0.02, -0.13), (-0.13, 0.02), (0.13, -0.02), (-0.02, 0.13)):
         source = [egg((0, places[0], 0)), egg((0, places[1], 0))]
-        assert paired([egg()], source) == {0: int(np.argmin(np.abs(places)))}
+        assert pair_numbers([egg()], source) == {0: int(np.argmin(np.abs(places)))}
 
 
-def test_of_two_as_near_the_one_of_its_size_and_shape_is_taken() -> None:
+def test_size_and_shape_decide_between_equally_near_shells() -> None:
     for other in ({"size": 1.3}, {"radii": (0.9, 0.9, 0.3)}, {"turn": (0, 0, 0.9)}):
         for first in (0, 1):
             source = [egg((0, 0.06, 0)), egg((0, -0.06, 0), **other)][:: 1 if first == 0 else -1]  # type: ignore[arg-type]
-            assert paired([egg()], source) == {0: first}, other
+            assert pair_numbers([egg()], source) == {0: first}, other
 
 
 def test_each_shell_has_one_partner() -> None:
     both = [egg(), egg((0.2, 0, 0))]
-    assert paired(both, both) == {0: 0, 1: 1}
-    assert paired(both, both[:1]) == {0: 0}
+    assert pair_numbers(both, both) == {0: 0, 1: 1}
+    assert pair_numbers(both, both[:1]) == {0: 0}
 
 
 def test_shells_of_different_regions_are_never_paired() -> None:
     both = [egg(), egg((0.25, 0, 0))]
-    assert paired(both, both, [(0, 0), (1, 1)]) == {0: 0, 1: 1}
-    assert paired(both, both, [(0, 1), (1, 0)]) == {}
+    assert pair_numbers(both, both, [(0, 0), (1, 1)]) == {0: 0, 1: 1}
+    assert pair_numbers(both, both, [(0, 1), (1, 0)]) == {}
 
 
 # --- inner shells --------------------------------------------------------------------------------------------
@@ -126,13 +126,13 @@ def beneath(radius: float, outer: bool, inner_radius: float = 0.2, in_place: boo
 
 
 @pytest.mark.parametrize(("radius", "where"), [(0.201, 0.2), (0.22, 0.3)])
-def test_outer_vertices_in_place_stay_on_the_inner_shell_that_they_lie_on(radius: float, where: float) -> None:
+def test_outer_vertices_in_place_stay_on_a_touching_inner_shell(radius: float, where: float) -> None:
     assert beneath(radius, outer=True, in_place=True) == pytest.approx(where, rel=0.05)
     assert beneath(radius, outer=True, in_place=False) == pytest.approx(0.3, rel=0.05)
 
 
 @pytest.mark.parametrize("radius", [0.22, 0.28])
-def test_outer_vertices_lie_on_the_outside_and_inner_ones_inside(radius: float) -> None:
+def test_outer_vertices_map_to_the_outside_and_inner_ones_inside(radius: float) -> None:
     assert beneath(radius, outer=True) == pytest.approx(0.3, rel=0.05)
     near = radius - 0.2 < 0.05
     assert beneath(radius, outer=False) == pytest.approx(0.2 if near else 0.3, rel=0.05)

@@ -18,7 +18,7 @@ RADII = np.array([[1.0, 0.6, 0.3], [0.5, 0.45, 0.9], [0.2, 0.8, 0.7]])
 
 
 @pytest.mark.parametrize("handed", [1, -1])
-def test_shells_are_laid_on_their_like_from_a_rough_start(handed: int) -> None:
+def test_shells_are_registered_from_a_rough_start(handed: int) -> None:
     sense = np.array([handed, 1, 1])
     target = Shells.of([egg(radii, number, 300) for number, radii in enumerate(RADII)])
     turns = Rotation.random(3, random_state=4).as_matrix() * sense
@@ -40,7 +40,7 @@ def test_shells_are_laid_on_their_like_from_a_rough_start(handed: int) -> None:
     assert (stranger > left).all()
 
 
-def test_axes_are_at_right_angles_the_longest_first() -> None:
+def test_axes_are_orthogonal_and_sorted_by_length() -> None:
     shells = Shells.of([egg(radii, number, 300) for number, radii in enumerate(RADII)])
     np.testing.assert_allclose(shells.axes @ shells.axes.transpose(0, 2, 1), np.tile(np.eye(3), (3, 1, 1)), atol=1e-9)
     along = np.einsum("pdx,pax->pda", shells.dense - shells.centre[:, None], shells.axes).std(axis=1)

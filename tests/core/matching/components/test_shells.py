@@ -54,25 +54,25 @@ def right_parts(result: zo.MatchResult, source: Mannequin, target: Mannequin) ->
     return float((source.part[result.surface_map.vertex] == target.part).mean())
 
 
-def missed(result: zo.MatchResult, source: Mannequin, target: Mannequin) -> np.ndarray:
+def place_errors(result: zo.MatchResult, source: Mannequin, target: Mannequin) -> np.ndarray:
     """(n_t,) distances of images from the true places on the parts; a mannequin is 1.9 high."""
     return np.linalg.norm(result.surface_map.interpolate(source.keys) - target.keys, axis=1)
 
 
-def test_every_shell_finds_its_like_in_another_pose(stepped, at_rest: Mannequin, stepping: Mannequin) -> None:
+def test_shells_match_their_partners_in_another_pose(stepped, at_rest: Mannequin, stepping: Mannequin) -> None:
     assert right_parts(stepped, at_rest, stepping) > 0.99
-    assert missed(stepped, at_rest, stepping).mean() < 0.015
+    assert place_errors(stepped, at_rest, stepping).mean() < 0.015
     assert stepped.certainty > 0.9
     assert stepped.confidence.mean() > 0.7
     assert any("14 of 14 parts matched to their partners" in note for note in stepped.notes)
 
 
 @pytest.mark.slow
-def test_another_build_is_matched_alike(at_rest: Mannequin) -> None:
+def test_different_build_is_matched(at_rest: Mannequin) -> None:
     target = mannequin(STEP, 60, 2, build=(1.15, 1.25, 0.9))
     result = zo.match(at_rest.surface, target.surface)
     assert right_parts(result, at_rest, target) > 0.97
-    assert missed(result, at_rest, target).mean() < 0.03
+    assert place_errors(result, at_rest, target).mean() < 0.03
 
 
 @pytest.mark.slow
@@ -84,7 +84,7 @@ def test_one_skin_and_many_shells_are_matched_both_ways(at_rest: Mannequin) -> N
 
 @pytest.mark.slow(but=1)
 @pytest.mark.parametrize("eye", [False, True])
-def test_what_a_partner_lacks_lies_where_the_body_has_it(eye: bool) -> None:
+def test_welded_shell_maps_to_all_pieces_of_the_source(eye: bool) -> None:
     sphere, leg = directions(300, 1), [0.2, 0.2, 1.1] * directions(150, 2) + [0.9, -0.2, -1.4]
     pieces = [Surface(points, ConvexHull(points).simplices) for points in (sphere, leg)]
     both = Surface.joined(pieces)
@@ -101,7 +101,7 @@ def test_what_a_partner_lacks_lies_where_the_body_has_it(eye: bool) -> None:
 
 
 @pytest.mark.slow
-def test_what_is_missing_costs_only_itself(at_rest: Mannequin) -> None:
+def test_missing_shells_do_not_affect_the_others(at_rest: Mannequin) -> None:
     less = mannequin(STEP, 60, 3, without=("head", "hand.L"))
     assert right_parts(zo.match(at_rest.surface, less.surface), at_rest, less) > 0.98
     more = mannequin(STEP, 60, 3)
@@ -113,7 +113,7 @@ def test_what_is_missing_costs_only_itself(at_rest: Mannequin) -> None:
 
 
 @pytest.mark.slow
-def test_a_shape_that_is_not_there_is_told_with_advice() -> None:
+def test_hopeless_match_is_reported_with_advice() -> None:
     heap = [0.3 * directions(40, i) * [1, 0.5, 0.2 + 0.1 * i] + 4 * directions(12, 5)[i] for i in range(12)]
     faces = [ConvexHull(points).simplices + 40 * i for i, points in enumerate(heap)]
     with retune(HULLS, resolution=64, tight_resolution=80):
@@ -124,34 +124,36 @@ def test_a_shape_that_is_not_there_is_told_with_advice() -> None:
 
 
 @pytest.mark.slow
-def test_inside_out_shells_are_matched_alike(stepped, at_rest: Mannequin, stepping: Mannequin) -> None:
+def test_inside_out_shells_are_matched_as_accurately(stepped, at_rest: Mannequin, stepping: Mannequin) -> None:
     turned = Surface(stepping.surface.vertices, stepping.surface.triangles[:, ::-1])
     result = zo.match(at_rest.surface, turned)
     assert right_parts(result, at_rest, stepping) > 0.99
-    assert missed(result, at_rest, stepping).mean() == pytest.approx(missed(stepped, at_rest, stepping).mean(), rel=0.2)
-
-
-@pytest.mark.slow
-def test_unit_and_place_change_nothing_that_counts(stepped, at_rest: Mannequin, stepping: Mannequin) -> None:
-    turn = Rotation.from_euler("xyz", (40, 20, 110), degrees=True).as_matrix()
-    moved = Surface(1000 * stepping.surface.vertices @ turn.T + 300, stepping.surface.triangles)
-    result = zo.match(at_rest.surface, moved)
-    assert right_parts(result, at_rest, stepping) > 0.99
-    assert missed(result, at_rest, stepping).mean() == pytest.approx(
-        missed(stepped, at_rest, stepping).mean(), abs=0.004
+    assert place_errors(result, at_rest, stepping).mean() == pytest.approx(
+        place_errors(stepped, at_rest, stepping).mean(), rel=0.2
     )
 
 
 @pytest.mark.slow
-def test_what_lies_over_each_other_stays_in_place(at_rest: Mannequin) -> None:
-    target = mannequin(None, 60, 4)
-    result = zo.match(at_rest.surface, target.surface)
-    assert any("overlap in place" in note for note in result.notes)
-    assert missed(result, at_rest, target).mean() < 0.004
+def test_unit_and_placement_do_not_affect_the_match(stepped, at_rest: Mannequin, stepping: Mannequin) -> None:
+    turn = Rotation.from_euler("xyz", (40, 20, 110), degrees=True).as_matrix()
+    moved = Surface(1000 * stepping.surface.vertices @ turn.T + 300, stepping.surface.triangles)
+    result = zo.match(at_rest.surface, moved)
+    assert right_parts(result, at_rest, stepping) > 0.99
+    assert place_errors(result, at_rest, stepping).mean() == pytest.approx(
+        place_errors(stepped, at_rest, stepping).mean(), abs=0.004
+    )
 
 
 @pytest.mark.slow
-def test_one_that_faces_the_other_way_in_the_same_pose_is_turned_about(at_rest: Mannequin) -> None:
+def test_overlapping_shells_stay_in_place(at_rest: Mannequin) -> None:
+    target = mannequin(None, 60, 4)
+    result = zo.match(at_rest.surface, target.surface)
+    assert any("overlap in place" in note for note in result.notes)
+    assert place_errors(result, at_rest, target).mean() < 0.004
+
+
+@pytest.mark.slow
+def test_target_that_faces_the_other_way_is_matched(at_rest: Mannequin) -> None:
     target = mannequin(None, 60, 4)
     about = Surface(target.surface.vertices * [-1, -1, 1], target.surface.triangles)
     result = zo.match(at_rest.surface, about)
@@ -160,7 +162,7 @@ def test_one_that_faces_the_other_way_in_the_same_pose_is_turned_about(at_rest: 
 
 
 @pytest.mark.slow
-def test_regions_bind_shells(at_rest: Mannequin, stepping: Mannequin) -> None:
+def test_regions_constrain_shells(at_rest: Mannequin, stepping: Mannequin) -> None:
     # Left and right names are swapped, as if an artist used another convention.
     regions = [
         (np.flatnonzero(at_rest.part == f"hand.{theirs}"), np.flatnonzero(stepping.part == f"hand.{ours}"))
@@ -181,27 +183,27 @@ def test_a_region_of_both_feet_does_not_exchange_them(at_rest: Mannequin, steppi
 
 
 @pytest.mark.slow
-def test_the_exchanged_sides_are_one_click_away(stepped, at_rest: Mannequin, stepping: Mannequin) -> None:
+def test_second_candidate_swaps_the_sides(stepped, at_rest: Mannequin, stepping: Mannequin) -> None:
     side = np.char.rpartition(stepping.part, ".")[:, 2]
     sided = np.isin(side, ("L", "R"))
     image = np.char.rpartition(at_rest.part[stepped.use(1).surface_map.vertex], ".")[:, 2]
     assert (image[sided] != side[sided]).mean() > 0.9
 
 
-def test_an_outline_is_on_the_shells(stepped, at_rest: Mannequin, stepping: Mannequin) -> None:
+def test_outline_maps_between_partner_shells(stepped, at_rest: Mannequin, stepping: Mannequin) -> None:
     vertices, images = stepped.outline(0)
     assert (at_rest.part[images] == stepping.part[vertices]).mean() > 0.8
 
 
 @pytest.mark.slow
-def test_landmarks_on_shells_are_taken(at_rest: Mannequin, stepping: Mannequin) -> None:
+def test_landmarks_on_shells_are_used(at_rest: Mannequin, stepping: Mannequin) -> None:
     places = [[int(np.flatnonzero(one.part == name)[5]) for name in ("head", "hand.L")] for one in (at_rest, stepping)]
     result = zo.match(at_rest.surface, stepping.surface, landmarks=(places[0], places[1]))
     assert right_parts(result, at_rest, stepping) > 0.98
 
 
 @pytest.mark.slow
-def test_a_landmark_that_only_the_skin_has_does_not_end_the_match(at_rest, stepping: Mannequin) -> None:
+def test_landmark_outside_the_main_part_does_not_stop_the_match(at_rest, stepping: Mannequin) -> None:
     # Settings that also try the torsos, which have no foot.
     foot = [[int(np.flatnonzero(one.part == "foot.R")[5])] for one in (at_rest, stepping)]
     with retune(ATTEMPTS, certain=1.0), retune(BODIES, much_of_body=0.0):
@@ -210,7 +212,7 @@ def test_a_landmark_that_only_the_skin_has_does_not_end_the_match(at_rest, stepp
 
 
 @pytest.mark.slow
-def test_landmarks_on_shells_are_hit_exactly_where_that_is_asked(at_rest: Mannequin, stepping: Mannequin) -> None:
+def test_exact_landmarks_on_shells_are_hit(at_rest: Mannequin, stepping: Mannequin) -> None:
     places = [[int(np.flatnonzero(one.part == name)[5]) for name in ("head", "hand.L")] for one in (at_rest, stepping)]
     result = zo.match(at_rest.surface, stepping.surface, landmarks=(places[0], places[1]), exact_landmarks=True)
     images = result.surface_map.interpolate(at_rest.surface.vertices)[places[1]]
@@ -219,7 +221,7 @@ def test_landmarks_on_shells_are_hit_exactly_where_that_is_asked(at_rest: Manneq
 
 
 @pytest.mark.slow
-def test_an_earlier_map_of_shells_is_taken_up(stepped, at_rest: Mannequin, stepping: Mannequin) -> None:
+def test_earlier_map_of_shells_is_used(stepped, at_rest: Mannequin, stepping: Mannequin) -> None:
     again = zo.match(at_rest.surface, stepping.surface, initial="given", initial_map=stepped.surface_map)
     assert right_parts(again, at_rest, stepping) > 0.99
     by_place = zo.match(at_rest.surface, stepping.surface, initial="proximity")
@@ -227,13 +229,13 @@ def test_an_earlier_map_of_shells_is_taken_up(stepped, at_rest: Mannequin, stepp
 
 
 @pytest.mark.slow
-def test_two_runs_agree_to_the_bit(stepped, at_rest: Mannequin, stepping: Mannequin) -> None:
+def test_two_runs_give_identical_results(stepped, at_rest: Mannequin, stepping: Mannequin) -> None:
     again = zo.match(at_rest.surface, stepping.surface)
     assert (again.surface_map.triangle == stepped.surface_map.triangle).all()
     assert (again.confidence == stepped.confidence).all()
 
 
-def test_a_body_that_lies_below_all_else_is_matched_itself() -> None:
+def test_body_that_covers_the_hull_is_matched_itself() -> None:
     hull = as_one_skin().surface
     eye = 0.03 * directions(60, 1) + [0.04, -0.16, 1.72]
     both = Surface.joined([hull, Surface(eye, ConvexHull(eye).simplices)])
@@ -251,7 +253,7 @@ def test_a_torso_is_not_taken_for_the_body(at_rest: Mannequin) -> None:
 
 
 @pytest.mark.slow
-def test_limbs_that_nearly_touch_are_told_apart_with_tight_skins_among_those_tried() -> None:
+def test_nearly_touching_limbs_are_separated_by_tight_hulls() -> None:
     # The knees touch.
     knees = STEP | {"thigh.L": (-25, 9, 0), "shin.L": (25, -9, 0), "thigh.R": (-25, -9, 0), "shin.R": (25, 9, 0)}
     at_rest, target = mannequin(None, 70, 1), mannequin(knees, 70, 2, (0.8, 1.0, 1.0))
@@ -260,13 +262,13 @@ def test_limbs_that_nearly_touch_are_told_apart_with_tight_skins_among_those_tri
     assert right_parts(result, at_rest, target) > 0.9
 
 
-def test_a_skin_tells_which_of_its_vertices_is_nearest_and_where_it_is(at_rest: Mannequin) -> None:
+def test_hull_gives_its_nearest_vertex_and_position(at_rest: Mannequin) -> None:
     hull = hull_of(at_rest.surface)
     on_hull = hull.to_surface(hull.vertices)[hull.vertex_of]
     assert np.linalg.norm(on_hull - at_rest.surface.vertices, axis=1).mean() < 0.03
 
 
-def test_open_shells_are_wound_as_the_skin_around_them() -> None:
+def test_open_shells_are_wound_like_the_hull_around_them() -> None:
     hull = as_one_skin().surface
     plate = np.array([[x, -0.15, z] for x in (-0.1, 0.1) for z in (1.2, 1.4)])
     for corners in ([[0, 2, 3], [0, 3, 1]], [[0, 3, 2], [0, 1, 3]]):

@@ -39,12 +39,12 @@ STILL = Similarities(np.ones(1), np.eye(3)[None], np.zeros((1, 3)))
 
 
 @cache
-def looked_for(source: Side) -> OrientedSurface:
+def oriented_surface(source: Side) -> OrientedSurface:
     mesh = source.mesh
     return OrientedSurface(source.points, mesh.triangles, mesh.flipped, 0.02, mesh.component[mesh.triangles[:, 0]])
 
 
-def laid(
+def map_first_shell(
     target: Side,
     source: Side,
     moved: np.ndarray,
@@ -54,7 +54,7 @@ def laid(
     partner: int = 0,
 ) -> tuple[np.ndarray, float]:
     """Images of a target's first shell, moved by the body's map, on its partner, and the stretch of its edges."""
-    mesh, shells = source.mesh, looked_for(source)
+    mesh, shells = source.mesh, oriented_surface(source)
     part = replace(target.parts(target.points)[0], points=moved)
     image, stretch = map_onto_partner(
         part, partner, similarity, scale, stays, target.mesh.vertex_normals, shells, source, target
@@ -62,23 +62,23 @@ def laid(
     return np.einsum("nc,ncx->nx", image.barycentric, source.points[mesh.triangles[image.triangle]]), stretch
 
 
-def bent(points: np.ndarray) -> np.ndarray:
+def bend_rod(points: np.ndarray) -> np.ndarray:
     """Bend a rod along x into an arc."""
     x, y, z = points.T
     return np.column_stack([(0.25 - z) * np.sin(4 * x), y, 0.25 - (0.25 - z) * np.cos(4 * x)])
 
 
-def test_a_stiff_shell_is_laid_by_the_similarity_though_the_body_bends_it() -> None:
+def test_stiff_shell_follows_the_similarity_not_the_bent_body() -> None:
     side = ONE_ROD
-    on, stretch = laid(side, side, bent(side.points))
+    on, stretch = map_first_shell(side, side, bend_rod(side.points))
     np.testing.assert_allclose(on, side.points, atol=1e-9)
     assert stretch == pytest.approx(0, abs=1e-9)
 
 
-def test_a_shell_that_bends_is_laid_as_the_body_bends_it() -> None:
+def test_bending_shell_follows_the_body() -> None:
     side = ONE_ROD
-    curved = side_of(ROD.with_vertices(bent(ROD.vertices)))
-    on, stretch = laid(side, curved, curved.points)
+    curved = side_of(ROD.with_vertices(bend_rod(ROD.vertices)))
+    on, stretch = map_first_shell(side, curved, curved.points)
     np.testing.assert_allclose(on, curved.points, atol=1e-9)
     assert 0 < stretch < 0.3
 
@@ -86,34 +86,34 @@ def test_a_shell_that_bends_is_laid_as_the_body_bends_it() -> None:
 @pytest.mark.parametrize(
     ("off", "stays", "by_similarity"), [(0.006, True, False), (0.006, False, True), (0.06, True, True)]
 )
-def test_a_shell_that_lies_on_its_partner_stays_if_the_body_does(off: float, stays: bool, by_similarity: bool) -> None:
+def test_shell_on_its_partner_stays_if_the_body_stays(off: float, stays: bool, by_similarity: bool) -> None:
     side = ONE_ROD
     wave = off * np.sin(40 * side.points[:, :1]) * [1.0, 0, 0] + [0, 0, off]
-    on, _ = laid(side, side, side.points + wave, stays=stays)
+    on, _ = map_first_shell(side, side, side.points + wave, stays=stays)
     assert (np.abs(on - side.points).max() < 1e-9) == by_similarity
 
 
 @pytest.mark.parametrize("unit", [1.0, 1e-3])
-def test_lengths_are_compared_in_the_bodys_scale(unit: float) -> None:
+def test_stretch_is_measured_in_the_scale_of_the_body(unit: float) -> None:
     source, target = (side_of(ROD.with_vertices(factor * unit * ROD.vertices)) for factor in (1, 2))
     half = replace(STILL, scale=np.array([0.5]))
     for scale, stretch in ((0.5, 0.0), (0.625, 0.2), (0.4, 0.25)):
-        assert laid(target, source, target.points / 2, half, scale)[1] == pytest.approx(stretch, abs=1e-6)
+        assert map_first_shell(target, source, target.points / 2, half, scale)[1] == pytest.approx(stretch, abs=1e-6)
 
 
-def test_the_sides_of_a_thin_shell_stay_where_the_similarity_turns_them() -> None:
+def test_similarity_keeps_the_sides_of_a_thin_shell() -> None:
     thin = ball(0.1, radii=(1, 1, 0.03), count=200)
     about = Rotation.from_rotvec([np.pi, 0, 0]).as_matrix()
     target = side_of(thin.with_vertices(thin.vertices @ about.T))
     # The lift makes the other side nearer.
-    on, _ = laid(
-        target, side_of(thin), bent(target.points), Similarities(np.ones(1), about[None], np.array([[0, 0, 0.005]]))
+    on, _ = map_first_shell(
+        target, side_of(thin), bend_rod(target.points), Similarities(np.ones(1), about[None], np.array([[0, 0, 0.005]]))
     )
     middle = np.linalg.norm(thin.vertices[:, :2], axis=1) < 0.06
     np.testing.assert_array_equal(np.sign(on[middle, 2]), np.sign(thin.vertices[middle, 2]))
 
 
-def test_what_lies_on_what_is_nearest_keeps_to_the_side_that_faces_alike() -> None:
+def test_nearest_points_are_on_the_side_of_similar_normals() -> None:
     thin = side_of(ball(0.1, radii=(1, 1, 0.03), count=200))
     outer = np.ones(len(thin.points), dtype=bool)
     for sense in (1, -1):
@@ -123,11 +123,11 @@ def test_what_lies_on_what_is_nearest_keeps_to_the_side_that_faces_alike() -> No
         np.testing.assert_array_equal(np.sign(on[middle, 2]), sense * np.sign(thin.points[middle, 2]))
 
 
-def test_a_shell_lies_on_its_partner_alone() -> None:
+def test_shell_maps_only_to_its_partner() -> None:
     both = side_of(ROD, ball(0.09, (0, 0, 0.05), radii=(3, 1, 0.5), count=200))
     at = both.points[both.mesh.component == 0]
     for partner in (0, 1):
-        on, _ = laid(both, both, at, partner=partner)
+        on, _ = map_first_shell(both, both, at, partner=partner)
         assert set(np.round(np.abs(on[:, 2] - 0.05 * partner).max(), 3)[None]) <= {0.05, 0.045}
 
 
@@ -148,7 +148,7 @@ def number_of(source: Side, at: float) -> int:
     return int(np.argmin([abs(part.points[:, 1].mean() - at) for part in source.parts(source.points)]))
 
 
-def test_a_shell_of_the_same_shape_is_taken_before_one_of_the_same_moments_nearby() -> None:
+def test_same_shape_wins_over_a_nearer_shell_of_equal_moments() -> None:
     blunt = ROD.vertices + 0.9 * np.maximum(ROD.vertices, 0) ** 2 / 0.1 * [1 / 3, 1, 2]
     blunt = blunt - blunt.mean(axis=0)
     axes, spread, _ = np.linalg.svd(blunt.T @ blunt)
@@ -161,7 +161,7 @@ def test_a_shell_of_the_same_shape_is_taken_before_one_of_the_same_moments_nearb
         assert partners(side_of(ROD.with_vertices(blunt)), source) == {0: number_of(source, 0.06 * sign)}
 
 
-def test_a_shell_nearby_is_taken_before_one_a_little_more_of_its_size_far_off() -> None:
+def test_near_shell_wins_over_a_far_one_of_more_similar_size() -> None:
     for sign in (1, -1):
         near, far = ROD.vertices * 1.05 + np.array([0, 0.02 * sign, 0]), ROD.vertices - np.array([0, 0.13 * sign, 0])
         source = side_of(ROD.with_vertices(near), ROD.with_vertices(far))
@@ -169,12 +169,12 @@ def test_a_shell_nearby_is_taken_before_one_a_little_more_of_its_size_far_off() 
 
 
 @pytest.mark.parametrize("scale", [0.4, 2.5])
-def test_shells_may_grow_as_the_body_does(scale: float) -> None:
+def test_shells_may_scale_with_the_body(scale: float) -> None:
     target = side_of(ROD.with_vertices(ROD.vertices / scale))
     assert partners(target, side_of(ROD.with_vertices(ROD.vertices + np.array([0, 0.1, 0]))), scale) == {0: 0}
 
 
-def test_a_shell_nearby_is_tried_though_many_far_off_are_more_of_its_size() -> None:
+def test_near_shell_is_tried_despite_many_far_ones_of_its_size() -> None:
     far = [ROD.with_vertices(ROD.vertices + np.array([0.0, 0.1 + 0.009 * i, 0])) for i in range(8)]
     source = side_of(ROD.with_vertices(ROD.vertices * 1.05 - np.array([0, 0.01, 0])), *far)
     assert partners(side_of(ROD), source) == {0: number_of(source, -0.01)}
@@ -190,7 +190,7 @@ def skin_of(surface: Surface) -> ShapeAnalysis:
     return replace(shape, proxy=replace(shape.proxy, full=hull, mesh=hull))
 
 
-def test_what_is_near_the_skin_is_on_the_outside() -> None:
+def test_shells_near_the_hull_are_on_the_outside() -> None:
     radius = (4 * np.pi) ** -0.5
     hull = skin_of(ball(radius, count=1500))
     side = side_of(*(ball(radius - below, count=40) for below in (0.0, 0.01, 0.04, 0.2)))
@@ -220,13 +220,13 @@ HORN, KNOB = ball(0.1, (0.3, 0, 0.3), (0.5, 0.6, 1.5), 80), ball(0.08, (-0.3, 0,
 ABOUT = Rotation.from_rotvec([0.4, 2.0, 0.7]).as_matrix()
 
 
-def turned(surface: Surface) -> Surface:
+def rotate(surface: Surface) -> Surface:
     return surface.with_vertices(surface.vertices @ ABOUT.T + 3)
 
 
-def test_shells_that_have_a_partner_are_mapped_onto_it_and_trusted() -> None:
+def test_shells_map_to_their_partners_with_high_confidence() -> None:
     source = Surface.joined([TRUNK, HORN, KNOB])
-    found = map_of(source, turned(source))
+    found = map_of(source, rotate(source))
     on = found.surface_map.interpolate(source.vertices[np.argsort(source.working.vertex_of)])
     np.testing.assert_allclose(on, source.vertices[np.argsort(source.working.vertex_of)], atol=5e-3)
     assert found.paired == 3
@@ -236,10 +236,10 @@ def test_shells_that_have_a_partner_are_mapped_onto_it_and_trusted() -> None:
 
 
 @pytest.mark.parametrize("away", [0.0, 1.0])
-def test_a_shell_without_its_like_lies_on_what_is_nearest_and_is_trusted_by_its_distance(away: float) -> None:
+def test_unpaired_shell_maps_to_the_nearest_point_with_doubt(away: float) -> None:
     source = Surface.joined([TRUNK, HORN])
     loose = KNOB.with_vertices(KNOB.vertices + np.array([-away, 0, 0]))
-    target = turned(Surface.joined([TRUNK, HORN, loose]))
+    target = rotate(Surface.joined([TRUNK, HORN, loose]))
     found = map_of(source, target)
     assert found.paired == 2
     on_knob = target.working.component == 2
@@ -254,26 +254,26 @@ def test_a_shell_without_its_like_lies_on_what_is_nearest_and_is_trusted_by_its_
 
 
 @pytest.mark.parametrize("on_target", [False, True])
-def test_a_shell_far_from_the_other_surface_has_no_partner_on_it(on_target: bool) -> None:
+def test_shell_far_from_the_other_surface_has_no_partner(on_target: bool) -> None:
     far = KNOB.with_vertices(KNOB.vertices - np.array([1.0, 0, 0]))
     longer, shorter = Surface.joined([TRUNK, HORN, far]), Surface.joined([TRUNK, HORN])
-    source, target = (shorter, turned(longer)) if on_target else (longer, turned(shorter))
+    source, target = (shorter, rotate(longer)) if on_target else (longer, rotate(shorter))
     found = map_of(source, target).partners
     # All shells but the third.
     np.testing.assert_array_equal(found.target, target.working.component < 2)
     np.testing.assert_array_equal(found.source, source.working.component < 2)
 
 
-def test_what_the_skin_has_no_partner_for_only_registered_shells_have() -> None:
+def test_only_paired_shells_have_partners_if_the_hull_has_none() -> None:
     source = Surface.joined([TRUNK, KNOB])
-    target = turned(Surface.joined([TRUNK, KNOB, HORN]))
+    target = rotate(Surface.joined([TRUNK, KNOB, HORN]))
     found = map_of(source, target, on_hull=False)
     assert found.paired == 2
     np.testing.assert_array_equal(found.partners.target, target.working.component != 1)
     assert found.partners.source.all()
 
 
-def test_shells_that_stay_where_they_are_owe_their_partners_to_no_skin() -> None:
+def test_shells_in_place_have_partners_without_the_hull() -> None:
     source = Surface.joined([TRUNK, KNOB])
     in_place = map_of(source, Surface.joined([TRUNK, KNOB, ball(0.01, (0, 0.21, 0), count=20)]), on_hull=False)
     assert in_place.in_place
@@ -282,7 +282,7 @@ def test_shells_that_stay_where_they_are_owe_their_partners_to_no_skin() -> None
 
 
 @pytest.mark.parametrize(("trust", "of_body"), [(0.8, 0.8), (1.3, 1.0), (-0.3, 0.0)])
-def test_trust_is_that_in_the_body_and_falls_with_the_square_of_the_distance(trust: float, of_body: float) -> None:
+def test_confidence_is_the_trust_of_the_body_reduced_by_distance(trust: float, of_body: float) -> None:
     target = Surface.joined([TRUNK, *(ball(0.01, (0, 0.21 + off, 0), count=20) for off in (0.01, 0.05, 0.2))])
     found = map_of(TRUNK, target, trust)
     mesh = target.working
@@ -302,15 +302,15 @@ def test_trust_is_that_in_the_body_and_falls_with_the_square_of_the_distance(tru
 
 
 @pytest.mark.parametrize("itself", [False, True])
-def test_what_lies_over_each_other_stays_but_for_a_surface_on_itself(itself: bool) -> None:
+def test_overlapping_shells_stay_except_in_a_self_map(itself: bool) -> None:
     source = Surface.joined([TRUNK, HORN, KNOB])
     target = source if itself else Surface.joined([TRUNK, HORN, KNOB])
     assert map_of(source, target).in_place is not itself
 
 
 @pytest.mark.parametrize(("confidence", "by_fit"), [(0.1, True), (0.6, False)])
-def test_shells_go_with_a_rejected_fit_where_the_map_has_less_confidence(confidence: float, by_fit: bool) -> None:
-    source, target = TRUNK, turned(TRUNK)
+def test_shells_follow_a_rejected_fit_where_confidence_is_low(confidence: float, by_fit: bool) -> None:
+    source, target = TRUNK, rotate(TRUNK)
     shapes = [skin_of(surface) for surface in (source, target)]
     pair = Pair(source, target, shapes[0], shapes[1], 20, 10)
     exchanged = identity(shapes[1])
@@ -327,7 +327,7 @@ def test_shells_go_with_a_rejected_fit_where_the_map_has_less_confidence(confide
 # --- landmarks ------------------------------------------------------------------------------------------------------
 
 
-def test_landmarks_are_hit_and_what_is_far_from_them_stays() -> None:
+def test_landmarks_are_hit_and_distant_points_stay() -> None:
     side = side_of(sheet(1.0, count=20))
     same: Any = SimpleNamespace(proxy=SimpleNamespace(full=SimpleNamespace(from_surface=lambda points: points)))
     pair: Any = SimpleNamespace(source_shape=same, target_shape=same)

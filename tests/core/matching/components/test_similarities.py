@@ -28,7 +28,9 @@ def similarity(scale: float = 1.0, turn: tuple[float, float, float] = (0, 0, 0),
     return Similarities(np.array([scale]), matrix[None], np.array([[0.5, -1.0, 2.0]]))
 
 
-def laid(truth: Similarities, prior: Similarities, handed: int = 1, seed: int = 0) -> tuple[Similarities, float]:
+def register_egg(
+    truth: Similarities, prior: Similarities, handed: int = 1, seed: int = 0
+) -> tuple[Similarities, float]:
     """Register an egg to its image; return the similarity and the residual."""
     points, corners = egg()
     others, other_corners = egg(seed=seed)
@@ -42,9 +44,9 @@ def degrees_off(found: Similarities, truth: Similarities) -> float:
     return float(np.degrees(Rotation.from_matrix(found.rotation[0] @ truth.rotation[0].T).magnitude()))
 
 
-def test_a_shell_finds_its_image_exactly() -> None:
+def test_similarity_of_a_shell_is_recovered() -> None:
     truth = similarity(1.2, (0.4, 0.2, -0.3))
-    found, left = laid(truth, similarity())
+    found, left = register_egg(truth, similarity())
     assert degrees_off(found, truth) < 1
     assert found.scale[0] == pytest.approx(1.2, rel=0.01)
     np.testing.assert_allclose(found.translation, truth.translation, atol=0.02)
@@ -52,7 +54,7 @@ def test_a_shell_finds_its_image_exactly() -> None:
 
 
 @pytest.mark.parametrize("scale", [0.5, 2.0])
-def test_a_shell_far_from_the_origin_finds_its_image_though_it_grows(scale: float) -> None:
+def test_scaled_shell_far_from_the_origin_is_registered(scale: float) -> None:
     points, corners = egg()
     truth = Similarities(
         np.array([scale]), Rotation.from_rotvec((0.4, 0.2, -0.3)).as_matrix()[None], np.array([[1.0, 2, 3]])
@@ -66,7 +68,7 @@ def test_a_shell_far_from_the_origin_finds_its_image_though_it_grows(scale: floa
 
 
 @pytest.mark.parametrize("scale", [0.25, 4.0])
-def test_what_is_left_is_measured_on_the_source_in_both_directions(scale: float) -> None:
+def test_residual_is_measured_on_the_source_in_both_directions(scale: float) -> None:
     points, corners = egg()
     half = corners[(points[corners][:, :, 0] < 0).all(axis=1)]
     still = Similarities(np.ones(1), np.eye(3)[None], np.zeros((1, 3)))
@@ -77,14 +79,14 @@ def test_what_is_left_is_measured_on_the_source_in_both_directions(scale: float)
         np.testing.assert_allclose(large, scale * plain, rtol=1e-6)
 
 
-def test_a_shell_that_is_turned_about_finds_its_image_along_its_axes() -> None:
+def test_strongly_rotated_shell_is_registered_by_its_axes() -> None:
     # The rotation is too large for closest points alone.
     truth = similarity(1.0, (0.0, 0.0, 1.3))
-    found, _ = laid(truth, similarity())
+    found, _ = register_egg(truth, similarity())
     assert degrees_off(found, truth) < 3
 
 
-def test_the_turn_of_the_body_is_kept_where_axes_tell_little_more() -> None:
+def test_ambiguous_axes_keep_the_rotation_of_the_body() -> None:
     # A ball has no preferred rotation, so the body's rotation decides.
     ball, other = (
         Shells.of([(where, ConvexHull(where).simplices)]) for where in (directions(n, n) for n in (200, 230))
@@ -94,25 +96,25 @@ def test_the_turn_of_the_body_is_kept_where_axes_tell_little_more() -> None:
     assert degrees_off(found, prior) < 15
 
 
-def test_a_shell_grows_no_more_than_it_may() -> None:
+def test_scale_is_limited_relative_to_the_prior() -> None:
     for truth, limit in ((3.0, 1.35), (1 / 3, 1 / 1.35)):
-        found, _ = laid(similarity(truth), similarity())
+        found, _ = register_egg(similarity(truth), similarity())
         assert found.scale[0] == pytest.approx(limit, rel=0.01)
-    assert laid(similarity(3.0), similarity(2.9))[0].scale[0] == pytest.approx(3, rel=0.02)
+    assert register_egg(similarity(3.0), similarity(2.9))[0].scale[0] == pytest.approx(3, rel=0.02)
 
 
 @pytest.mark.parametrize("handed", [1, -1])
-def test_shells_are_mirrored_where_the_body_is_and_only_there(handed: int) -> None:
+def test_shells_are_mirrored_only_if_the_body_is(handed: int) -> None:
     truth = similarity(1.0, (0.3, 0.1, 0.2), handed)
-    found, left = laid(truth, similarity(sense=handed), handed)
+    found, left = register_egg(truth, similarity(sense=handed), handed)
     assert np.linalg.det(found.rotation[0]) == pytest.approx(handed)
     assert left < 0.03
-    wrong, more = laid(truth, similarity(sense=-handed), -handed)
+    wrong, more = register_egg(truth, similarity(sense=-handed), -handed)
     assert np.linalg.det(wrong.rotation[0]) == pytest.approx(-handed)
     assert more > 3 * left
 
 
-def test_what_covers_a_part_of_a_shell_only_leaves_a_distance() -> None:
+def test_half_a_shell_leaves_a_residual_in_both_directions() -> None:
     points, corners = egg()
     half = corners[(points[corners][:, :, 0] < 0).all(axis=1)]
     whole, part = Shells.of([(points, corners)]), Shells.of([(points, half)])
@@ -122,7 +124,7 @@ def test_what_covers_a_part_of_a_shell_only_leaves_a_distance() -> None:
     assert max(left) < 1.5 * min(left)
 
 
-def test_shells_are_looked_for_among_their_own_points_alone() -> None:
+def test_nearest_points_are_searched_per_shell() -> None:
     points, corners = egg()
     both = Shells.of([(points, corners), (points + np.array([10, 0, 0]), corners)])
     distance, near = both.nearest(np.zeros((2, 1, 3)), np.array([0, 1]))
@@ -133,7 +135,7 @@ def test_shells_are_looked_for_among_their_own_points_alone() -> None:
     assert far.nearest(np.array([[[900.0, 0, 0]]]), np.array([0]))[0][0, 0] > 800
 
 
-def test_points_are_spread_over_all_of_a_shell() -> None:
+def test_sample_points_are_spread_over_the_whole_shell() -> None:
     points, corners = egg()
     shells = Shells.of([(points, corners)])
     assert shells.sparse.shape[1] >= 20
@@ -146,7 +148,7 @@ def test_points_are_spread_over_all_of_a_shell() -> None:
 
 
 @pytest.mark.parametrize("handed", [1, -1])
-def test_axes_go_to_axes_in_the_nearest_senses_that_mirror_as_they_should(handed: int) -> None:
+def test_axes_take_the_nearest_signs_of_the_right_handedness(handed: int) -> None:
     axes = Rotation.random(40, random_state=1).as_matrix() * [handed, 1, 1]
     truth = Rotation.random(40, random_state=2).as_matrix() * [handed, 1, 1]
     senses = np.random.default_rng(0).choice([-1.0, 1.0], (40, 3, 1))
@@ -157,7 +159,7 @@ def test_axes_go_to_axes_in_the_nearest_senses_that_mirror_as_they_should(handed
     np.testing.assert_allclose(np.linalg.det(_along_axes(-truth, axes, theirs, handed)), handed)
 
 
-def test_axes_that_would_mirror_are_turned_about_where_their_sense_is_least_clear() -> None:
+def test_least_certain_axis_is_flipped_to_avoid_a_mirror() -> None:
     turn = Rotation.from_rotvec(np.radians(100) * np.array([1, 1, 0.3]) / np.linalg.norm([1, 1, 0.3])).as_matrix()
     frame = np.eye(3)[None]
     found = _along_axes(turn[None], frame, frame, 1.0)[0]
@@ -166,7 +168,7 @@ def test_axes_that_would_mirror_are_turned_about_where_their_sense_is_least_clea
     np.testing.assert_allclose(found, nearest, atol=1e-12)
 
 
-def test_what_is_left_is_left_by_the_motion_that_is_found() -> None:
+def test_residual_is_that_of_the_returned_similarity() -> None:
     target = Shells.of([egg(), egg((0.5, 0.45, 0.9), 1)])
     source = Shells.of([egg(seed=2), egg((0.2, 0.8, 0.7), 3)])
     ours, theirs = np.array([0, 0, 1, 1]), np.array([0, 1, 0, 1])

@@ -8,7 +8,7 @@ import numpy as np
 from zoomout_core.matching.hypotheses.hypothesis import alike
 
 
-def test_maps_are_the_same_that_differ_by_a_part_of_the_variance_of_their_places() -> None:
+def test_maps_are_alike_within_a_fraction_of_the_variance() -> None:
     random = np.random.default_rng(0)
     first = random.standard_normal((50, 3)) * [3, 1, 1] + [5, 0, 0]
     places = [first + off + noise * random.standard_normal((50, 3)) for off, noise in ((0, 0), (0.5, 0), (0, 1))]

@@ -28,7 +28,7 @@ def shapes() -> tuple[ShapeAnalysis, ShapeAnalysis]:
 
 
 @pytest.mark.parametrize("weight", [0.5, -2.0])
-def test_a_fit_takes_the_descriptors_over_as_well_as_a_map_near_the_diagonal_can(shapes, weight: float) -> None:
+def test_fit_minimises_the_descriptor_energy(shapes, weight: float) -> None:
     source, target = shapes
     size, mask_weight = 8, 0.3
     (bands, pairs), (bands_there, pairs_there) = source.descriptors, target.descriptors
@@ -54,14 +54,14 @@ def test_a_fit_takes_the_descriptors_over_as_well_as_a_map_near_the_diagonal_can
             assert energy(C - change) > energy(C)
 
 
-def test_a_shape_is_fitted_to_itself_by_nearly_the_identity(shapes) -> None:
+def test_fit_of_a_shape_to_itself_is_nearly_the_identity(shapes) -> None:
     C = _fit(shapes[0], shapes[0], 12, 1.0, 0.3)
     assert np.diag(C).min() > 0.5
     assert np.abs(C - np.diag(np.diag(C))).max() < 0.3
 
 
 @pytest.mark.parametrize("side", [1, -1])
-def test_the_best_scored_fits_come_first_and_are_distinct(shapes, side: int) -> None:
+def test_fits_are_sorted_by_score_and_distinct(shapes, side: int) -> None:
     source, target = shapes
     hypotheses = descriptor_hypotheses(source, target, sides=(side,))
     assert 2 <= len(hypotheses) <= 8
@@ -79,7 +79,7 @@ def test_the_best_scored_fits_come_first_and_are_distinct(shapes, side: int) -> 
         assert np.sign(weight) == side
 
 
-def test_both_sides_are_tried_unless_asked_otherwise(shapes) -> None:
+def test_both_sides_are_tried_by_default(shapes) -> None:
     origins = [hypothesis.origin for hypothesis in descriptor_hypotheses(*shapes)]
     sides = ["-" in origin for origin in origins]
     assert sides == sorted(sides)
@@ -88,13 +88,13 @@ def test_both_sides_are_tried_unless_asked_otherwise(shapes) -> None:
     assert all("+" in origin for origin, reverses in zip(origins, sides, strict=True) if not reverses)
 
 
-def test_what_is_known_decides_which_fits_come_first(shapes) -> None:
+def test_evidence_decides_which_fits_come_first(shapes) -> None:
     for size in (8, 16):
         hypotheses = descriptor_hypotheses(*shapes, lambda C, *_: {"axes": 50.0 * (len(C) != size)})  # noqa: B023
         assert len(hypotheses[0].functional_map) == size
 
 
-def test_sizes_are_those_that_both_bases_allow(shapes) -> None:
+def test_fits_are_no_larger_than_either_basis(shapes) -> None:
     few = shape_of(200, 2, k=10)
     for pair in ((shapes[0], few), (few, shapes[0])):
         assert {len(hypothesis.functional_map) for hypothesis in descriptor_hypotheses(*pair)} == {8}

@@ -42,7 +42,7 @@ def shapes() -> tuple[ShapeAnalysis, ShapeAnalysis]:
     return shape_of(SOURCE.surface), shape_of(TARGET.surface)
 
 
-def test_average_distances_are_those_to_all_of_the_surface(shapes) -> None:
+def test_average_distance_is_that_to_the_whole_surface(shapes) -> None:
     shape = shapes[0]
     exact = dijkstra(edge_graph(shape.mesh.vertices, shape.mesh.triangles)) @ shape.basis.areas
     np.testing.assert_allclose(_average_distance(shape), exact, rtol=0.05)
@@ -64,7 +64,7 @@ def test_features_of_the_same_tips_are_computed_once(shapes, monkeypatch: pytest
     assert len(chosen) == distinct + len(tried) + 2 * len(maps)
 
 
-def test_levels_are_where_the_persistence_of_both_drops_most() -> None:
+def test_levels_are_at_common_drops_of_persistence() -> None:
     one = np.array([1.0, 0.9, 0.8, 0.75, 0.3, 0.28, 0.1, 0.09])
     other = np.array([2.0, 1.9, 1.8, 1.7, 0.7, 0.6, 0.2, 0.19])
     assert _levels(one, other)[:2] == [6, 4]
@@ -78,7 +78,7 @@ def test_levels_are_where_the_persistence_of_both_drops_most() -> None:
     assert _levels(after_four, after_five)[0] == _levels(after_five, after_four)[0] == 6
 
 
-def test_pairings_at_all_levels_come_in_turns() -> None:
+def test_pairings_of_all_levels_alternate() -> None:
     between = np.abs(np.arange(6.0)[:, None] ** 1.5 - np.arange(6.0) ** 1.5)
     persistence = np.array([1.0, 0.9, 0.85, 0.8, 0.2, 0.15])
     tips = Extremities(LandmarkFeatures(np.arange(6), between, np.zeros((6, 6, 6))), between.mean(axis=1), persistence)
@@ -88,7 +88,7 @@ def test_pairings_at_all_levels_come_in_turns() -> None:
 
 
 @pytest.mark.parametrize("order", [[1, 2, 0], [2, 1, 0]])
-def test_a_tip_is_told_by_how_far_all_of_the_surface_is(order: list[int]) -> None:
+def test_tips_are_distinguished_by_average_distance(order: list[int]) -> None:
     # Three equidistant tips of equal persistence.
     places, average = (
         LandmarkFeatures(np.arange(3), np.ones((3, 3)) - np.eye(3), np.zeros((3, 3, 3))),
@@ -99,7 +99,7 @@ def test_a_tip_is_told_by_how_far_all_of_the_surface_is(order: list[int]) -> Non
     np.testing.assert_array_equal(average[order][of_other], average[of_tips])
 
 
-def test_a_pairing_costs_the_mean_of_its_pairs_and_of_its_twos_of_pairs() -> None:
+def test_pairing_cost_combines_mean_single_and_mutual_costs() -> None:
     # Compare the cost of one bad pair with that of two inconsistent pairs.
     single, mutual = np.zeros((2, 2)), np.zeros((2, 2, 2, 2))
     single[0, 0] = 1.0
@@ -112,7 +112,7 @@ def test_a_pairing_costs_the_mean_of_its_pairs_and_of_its_twos_of_pairs() -> Non
     np.testing.assert_array_equal(left, [[0, 1]] * len(left))
 
 
-def test_the_tips_of_a_shape_stand_out_in_falling_order_as_far_as_they_do(shapes) -> None:
+def test_extremities_are_sorted_by_persistence(shapes) -> None:
     found = extremities(shapes[0])
     assert (np.diff(found.persistence) <= 0).all()
     assert found.persistence[4] > 0.1
@@ -122,7 +122,7 @@ def test_the_tips_of_a_shape_stand_out_in_falling_order_as_far_as_they_do(shapes
     np.testing.assert_array_equal(two.between, found.between[:2, :2])
 
 
-def test_the_true_map_is_held_by_what_its_tips_say(shapes) -> None:
+def test_anchors_of_the_best_hypothesis_give_the_true_map(shapes) -> None:
     source, target = shapes
     hypotheses = extremity_hypotheses(source, target)
     truth = true_vertex(SOURCE, TARGET)
@@ -136,7 +136,7 @@ def test_the_true_map_is_held_by_what_its_tips_say(shapes) -> None:
     assert not any("mirrored" in hypothesis.origin for hypothesis in hypotheses)  # a closed shape has known sides
 
 
-def test_a_cloth_may_lie_either_way() -> None:
+def test_cloth_gets_hypotheses_for_both_sides() -> None:
     source, target = shape_of(sheet(250, seed=0).surface), shape_of(sheet(220, seed=1).surface)
     sides = ["mirrored" in hypothesis.origin for hypothesis in extremity_hypotheses(source, target)]
     assert sides == sorted(sides)
@@ -144,20 +144,20 @@ def test_a_cloth_may_lie_either_way() -> None:
 
 
 @pytest.mark.parametrize("cloth_first", [True, False])
-def test_sides_are_known_of_two_shapes_only_if_they_are_of_both(shapes, cloth_first: bool) -> None:
+def test_sides_are_known_only_if_known_for_both_shapes(shapes, cloth_first: bool) -> None:
     cloth = shape_of(sheet(200).surface)
     both = (cloth, shapes[1]) if cloth_first else (shapes[0], cloth)
     assert {"mirrored" in hypothesis.origin for hypothesis in extremity_hypotheses(*both)} == {False, True}
 
 
-def test_few_functions_are_enough(shapes) -> None:
+def test_few_functions_suffice_for_extremity_maps(shapes) -> None:
     few = shape_of(TARGET.surface, 7)
     for both in ((shapes[0], few), (few, shapes[1])):
         assert extremity_hypotheses(*both, wanted=lambda of_target, _: len(of_target) == 3)
 
 
 @pytest.mark.parametrize(("cloth", "sides"), [(False, (1,)), (True, (1, -1))])
-def test_sides_that_are_not_given_are_those_that_may_be(shapes, cloth: bool, sides: tuple[int, ...]) -> None:
+def test_sides_default_to_the_possible_ones(shapes, cloth: bool, sides: tuple[int, ...]) -> None:
     both = (shape_of(sheet(200).surface), shapes[1]) if cloth else shapes
 
     def few(of_target: np.ndarray, _: np.ndarray) -> bool:
@@ -169,7 +169,7 @@ def test_sides_that_are_not_given_are_those_that_may_be(shapes, cloth: bool, sid
         np.testing.assert_array_equal(one.anchors.target, other.anchors.target)
 
 
-def test_what_is_known_decides_which_pairings_are_kept(shapes) -> None:
+def test_evidence_decides_which_pairings_are_kept(shapes) -> None:
     calls: list[int] = []
 
     def against_all_but_the_last(*_: Any) -> dict[str, float]:
@@ -183,7 +183,7 @@ def test_what_is_known_decides_which_pairings_are_kept(shapes) -> None:
     assert usual[0] == other[0]  # the pairings that preserve distances best are always kept
 
 
-def paired(hypotheses: list[Hypothesis]) -> set[str]:
+def tip_pairs(hypotheses: list[Hypothesis]) -> set[str]:
     """Pairs of tips that occur in the origin of any hypothesis."""
     return {pair for hypothesis in hypotheses for pair in hypothesis.origin.removeprefix("extremities ").split()}
 
@@ -200,5 +200,5 @@ def test_lesser_tips_are_paired_where_no_map_is_likely() -> None:
     with retune(EXTREMITIES, persistence=0.115, lesser_persistence=0.05, more=1, more_consistent=1):
         shapes = shape_of(SOURCE.surface), shape_of(TARGET.surface)
         assert [len(extremities(shape).vertices) for shape in shapes] == [5, 5]
-        assert "5-5" not in paired(extremity_hypotheses(*shapes))
-        assert "5-5" in paired(more_extremity_hypotheses(*shapes))
+        assert "5-5" not in tip_pairs(extremity_hypotheses(*shapes))
+        assert "5-5" in tip_pairs(more_extremity_hypotheses(*shapes))

@@ -42,7 +42,7 @@ def test_a_map_of_vertices_becomes_a_functional_map(pair: Pair) -> None:
     np.testing.assert_array_equal(again.functional_map, C)
 
 
-def test_a_functional_map_of_the_surfaces_is_the_vertices_that_it_means(pair: Pair) -> None:
+def test_functional_map_is_equivalent_to_its_vertex_map(pair: Pair) -> None:
     bases = zo.eigenbasis(pair.source, 30), zo.eigenbasis(pair.target, 35)
     given = functional_map_of(TRUTH, bases[0], bases[1], 30, 35)
     vertex = cKDTree(bases[0].eigenvectors @ given.T).query(bases[1].eigenvectors)[1]
@@ -52,7 +52,7 @@ def test_a_functional_map_of_the_surfaces_is_the_vertices_that_it_means(pair: Pa
 
 
 @pytest.mark.parametrize("shape", [(260, 20), (20, 330)])
-def test_a_functional_map_that_either_mesh_is_too_small_for_is_refused(pair: Pair, shape: tuple[int, int]) -> None:
+def test_functional_map_too_large_for_a_mesh_is_refused(pair: Pair, shape: tuple[int, int]) -> None:
     with pytest.raises(ValueError, match="larger than the meshes allow"):
         given_hypothesis(pair, np.ones(shape))
 
@@ -69,7 +69,7 @@ def test_images_on_a_loose_part_move_to_the_nearest_vertex_of_the_body(pair: Pai
     )
 
 
-def test_proximity_is_that_of_the_surfaces_in_their_common_frame(pair: Pair) -> None:
+def test_proximity_is_measured_in_the_common_frame(pair: Pair) -> None:
     found = proximity_hypothesis(pair).functional_map
     np.testing.assert_allclose(found, given_hypothesis(pair, TRUTH).functional_map, atol=0.5)
     # A target far to one side maps to the hand on that side, even though it does not fit there.

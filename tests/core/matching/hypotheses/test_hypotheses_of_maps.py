@@ -43,7 +43,7 @@ from zoomout_core.matching.preparation.landmark_features import landmark_feature
 from zoomout_core.mesh.surface import Surface
 
 
-def prepared(surface: Surface) -> ShapeAnalysis:
+def analyse_surface(surface: Surface) -> ShapeAnalysis:
     return analyse(surface.working.part(0)[0], 100, 500, 0)
 
 
@@ -60,7 +60,7 @@ def error_of(
 
 @pytest.fixture(scope="module")
 def shapes(resting: Creature, bent: Creature) -> tuple[ShapeAnalysis, ShapeAnalysis]:
-    return prepared(resting.surface), prepared(bent.surface)
+    return analyse_surface(resting.surface), analyse_surface(bent.surface)
 
 
 @pytest.fixture(scope="module")
@@ -98,8 +98,8 @@ def test_the_true_pairing_of_extremities_is_among_the_first(shapes, resting, ben
 
 @pytest.mark.slow(but=1)
 @pytest.mark.parametrize(("figure", "count"), [(HAND, 6), (CENTAUR, 9), (SPIDER, 11)])
-def test_every_limb_of_a_creature_with_many_counts(figure: Figure, count: int) -> None:
-    assert len(extremities(prepared(shape(figure, 2000, seed=0, bend=0.5).surface)).vertices) == count
+def test_every_limb_of_a_many_limbed_creature_is_an_extremity(figure: Figure, count: int) -> None:
+    assert len(extremities(analyse_surface(shape(figure, 2000, seed=0, bend=0.5).surface)).vertices) == count
 
 
 @pytest.mark.slow
@@ -108,7 +108,7 @@ def test_every_limb_of_a_creature_with_many_counts(figure: Figure, count: int) -
 )
 def test_creatures_of_many_limbs_are_paired_even_if_one_is_missing(of_source: Figure, of_target: Figure) -> None:
     source, target = shape(of_source, 2000, seed=0), shape(of_target, 1500, seed=1, bend=0.8)
-    source_shape, target_shape = prepared(source.surface), prepared(target.surface)
+    source_shape, target_shape = analyse_surface(source.surface), analyse_surface(target.surface)
     hypotheses = extremity_hypotheses(source_shape, target_shape)
     known = cKDTree(source.places).query(target.places)[0] < 0.15  # excludes the missing arm
     samples = target_shape.search.samples
@@ -126,7 +126,7 @@ def test_creatures_of_many_limbs_are_paired_even_if_one_is_missing(of_source: Fi
 
 @pytest.mark.parametrize(("a", "b", "size"), [(7, 7, 7), (7, 7, 6), (5, 7, 5), (7, 5, 4), (6, 7, 4), (3, 3, 2)])
 @pytest.mark.parametrize("noise", [0.1, 1.5])
-def test_pairings_are_the_cheapest_of_all(a: int, b: int, size: int, noise: float) -> None:
+def test_pairings_are_the_globally_cheapest(a: int, b: int, size: int, noise: float) -> None:
     random = np.random.default_rng(a + 10 * b + 100 * size)
     points = random.standard_normal((7, 3))
     moved = points[random.permutation(7)] + noise * random.standard_normal((7, 3))
@@ -150,7 +150,7 @@ def test_pairings_are_the_cheapest_of_all(a: int, b: int, size: int, noise: floa
     assert (np.diff(found) >= -1e-12).all()
 
 
-def test_turns_change_their_sign_with_the_order_of_the_places(shapes) -> None:
+def test_turns_change_sign_if_places_are_swapped(shapes) -> None:
     places = landmark_features(shapes[0], np.array([0, 100, 200]))
     one, other = places.features(np.array([0, 1, 2])), places.features(np.array([1, 0, 2]))
     np.testing.assert_allclose(one[:, [0, 1, 2]], other[:, [1, 0, 2]])
@@ -162,7 +162,7 @@ def test_turns_change_their_sign_with_the_order_of_the_places(shapes) -> None:
 
 
 def test_descriptors_find_the_map_of_a_shape_without_limbs(stones: tuple[Shaped, Shaped]) -> None:
-    source, target = (prepared(stone.surface) for stone in stones)
+    source, target = (analyse_surface(stone.surface) for stone in stones)
     places = stones[0].places, stones[1].places
     errors = {
         hypothesis.origin: error_of(hypothesis, source, target, places)
@@ -174,7 +174,7 @@ def test_descriptors_find_the_map_of_a_shape_without_limbs(stones: tuple[Shaped,
 @pytest.mark.slow
 def test_descriptors_find_a_mirror_image_with_the_other_sign(stones: tuple[Shaped, Shaped]) -> None:
     mirror = Surface(stones[1].surface.vertices * [-1, 1, 1], stones[1].surface.triangles[:, ::-1])
-    source, target = prepared(stones[0].surface), prepared(mirror)
+    source, target = analyse_surface(stones[0].surface), analyse_surface(mirror)
     places = stones[0].places, stones[1].places
     errors = {
         hypothesis.origin: error_of(hypothesis, source, target, places)
@@ -202,13 +202,13 @@ def test_a_plane_has_no_curvature_and_raises_no_warning() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         for surface in (flat.surface, single):
-            assert not prepared(surface).curvature.any()
+            assert not analyse_surface(surface).curvature.any()
     bent = flat.places.copy()
     bent[:, 2] = 0.05 * bent[:, 0] ** 2
-    assert np.abs(prepared(Surface(bent, flat.surface.triangles)).curvature).max() > 0.1
+    assert np.abs(analyse_surface(Surface(bent, flat.surface.triangles)).curvature).max() > 0.1
 
 
-def test_shapes_without_features_give_finite_hypotheses_without_a_warning() -> None:
+def test_featureless_shapes_give_finite_hypotheses() -> None:
     golden = (1 + 5**0.5) / 2
     corners = [(0, x, y * golden) for x in (-1, 1) for y in (-1, 1)]
     points = np.array([np.roll(corner, turn) for corner in corners for turn in range(3)])
@@ -219,7 +219,7 @@ def test_shapes_without_features_give_finite_hypotheses_without_a_warning() -> N
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         for surface in (icosahedron, table):
-            other = prepared(surface)
+            other = analyse_surface(surface)
             for generate in (extremity_hypotheses, sign_hypotheses, descriptor_hypotheses):
                 assert all(np.isfinite(hypothesis.functional_map).all() for hypothesis in generate(other, other))
             assert np.isfinite(other.curvature).all()
@@ -231,7 +231,7 @@ def test_shapes_without_features_give_finite_hypotheses_without_a_warning() -> N
 
 @pytest.mark.parametrize("inwards", [False, True])
 @pytest.mark.slow(but=1)
-def test_an_open_shell_is_matched_directly_whichever_way_it_is_wound(inwards: bool) -> None:
+def test_open_shell_is_not_mirrored_with_either_winding(inwards: bool) -> None:
     shell = replace(STONE, kept=lambda places: places @ [0.3, -0.2, 1] > -0.1)
     source, target = shape(shell, 2500, seed=0), shape(shell, 2000, seed=1)
     triangles = target.surface.triangles[:, ::-1] if inwards else target.surface.triangles
@@ -242,7 +242,7 @@ def test_an_open_shell_is_matched_directly_whichever_way_it_is_wound(inwards: bo
     assert not result.candidates[0].reverses_orientation
 
 
-def test_only_what_encloses_a_space_tells_its_outside() -> None:
+def test_sides_are_known_only_for_shapes_that_enclose_space() -> None:
     thin = shape(STONE, 800, seed=0).surface
     coin = Surface(thin.vertices * [1, 1, 1e-3], thin.triangles[:, ::-1])
     assert coin.working.flipped.all()
@@ -255,16 +255,16 @@ def test_only_what_encloses_a_space_tells_its_outside() -> None:
     assert not Surface(curled, flat.surface.triangles).working.sides_are_known
 
 
-def test_places_seen_from_inside_turn_the_other_way(shapes) -> None:
+def test_turns_change_sign_if_seen_from_inside(shapes) -> None:
     places, order = landmark_features(shapes[0], np.array([0, 100, 200])), np.arange(3)
     outside, inside, neither = (places.features(order, side) for side in (1, -1, 0))
     np.testing.assert_allclose(inside, outside * [1, 1, 1, -1, -1, -1])
     np.testing.assert_allclose(neither, outside * [1, 1, 1, 0, 0, 0])
 
 
-def test_a_cloth_is_paired_by_its_corners_whichever_side_is_up() -> None:
+def test_cloth_is_paired_by_its_corners_on_either_side() -> None:
     source, target = sheet(600, seed=0), sheet(500, seed=1)
     places = source.places, target.places
     for triangles in (target.surface.triangles, target.surface.triangles[:, ::-1]):
-        shapes = prepared(source.surface), prepared(Surface(target.surface.vertices, triangles))
+        shapes = analyse_surface(source.surface), analyse_surface(Surface(target.surface.vertices, triangles))
         assert min(error_of(hypothesis, *shapes, places) for hypothesis in extremity_hypotheses(*shapes)) < 0.05

@@ -23,7 +23,7 @@ def shape_of(surface: Surface, k: int = 40) -> ShapeAnalysis:
 
 
 @pytest.mark.parametrize("vertex", [true_vertex(SOURCE, TARGET), mirrored_vertex(SOURCE, TARGET)])
-def test_landmarks_give_the_map_that_pairs_them_whichever_side_they_mean(vertex: np.ndarray) -> None:
+def test_landmarks_give_the_direct_or_the_mirrored_map(vertex: np.ndarray) -> None:
     source, target = shape_of(SOURCE.surface), shape_of(TARGET.surface)
     tips = (TARGET.directions @ np.transpose(AXES)).argmax(axis=0)
     hypothesis = landmark_hypothesis(source, target, vertex[tips], tips)
@@ -40,7 +40,7 @@ def test_landmarks_give_the_map_that_pairs_them_whichever_side_they_mean(vertex:
     assert (off < 0.1) == np.array_equal(vertex, true_vertex(SOURCE, TARGET))
 
 
-def test_few_functions_are_enough_for_a_map() -> None:
+def test_few_functions_suffice_for_a_landmark_map() -> None:
     source, target = shape_of(SOURCE.surface, 6), shape_of(TARGET.surface, 40)
     tips = (SOURCE.directions @ np.transpose(AXES)).argmax(axis=0)
     for one, other in ((source, target), (target, source)):
@@ -49,7 +49,7 @@ def test_few_functions_are_enough_for_a_map() -> None:
         assert landmark_hypothesis(one, other, *ids).functional_map.shape == (6, 6)
 
 
-def test_of_cloths_no_sense_is_known() -> None:
+def test_landmarks_on_cloth_have_no_turns() -> None:
     source, target = sheet(250, seed=0), sheet(220, seed=1)
     picked = np.array([3, 100, 180])
     ids = truth(source, target)[picked], picked
@@ -60,7 +60,7 @@ def test_of_cloths_no_sense_is_known() -> None:
     assert shape_of(SOURCE.surface).mesh.sides_are_known
 
 
-def test_hundreds_of_landmarks_hold_a_map_by_those_farthest_from_each_other() -> None:
+def test_hundreds_of_landmarks_are_reduced_to_distant_ones() -> None:
     """Functions of all pairs of 280 landmarks would take 150 MB and minutes."""
     source, target = shape_of(SOURCE.surface), shape_of(TARGET.surface)
     ids = np.arange(len(TARGET.directions))

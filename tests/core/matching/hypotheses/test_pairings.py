@@ -42,14 +42,14 @@ def distances(count: int, seed: int = 0) -> np.ndarray:
     return np.linalg.norm(points[:, None] - points, axis=2)
 
 
-def tried(first: Extremities, second: Extremities) -> set[tuple[tuple[int, int], ...]]:
+def pairings_of_all_levels(first: Extremities, second: Extremities) -> set[tuple[tuple[int, int], ...]]:
     return {
         tuple(sorted(zip(of_first.tolist(), of_second.tolist(), strict=True)))
         for of_first, of_second in _all_pairings(first, second)
     }
 
 
-def test_the_leading_tips_are_paired_on_their_own_where_persistence_drops() -> None:
+def test_leading_tips_are_paired_alone_if_persistence_drops() -> None:
     # Four limbs correspond; the small horns are in different places on the two shapes.
     limbs = distances(4)
     persistence = [1.0, 0.9, 0.8, 0.7]
@@ -57,10 +57,10 @@ def test_the_leading_tips_are_paired_on_their_own_where_persistence_drops() -> N
     one[4:, 4:], other[4:, 4:] = distances(5, 1), 5 * distances(5, 2)
     horns = [0.12, 0.11, 0.1, 0.1, 0.1]
     identity = tuple((i, i) for i in range(4))
-    assert identity in tried(tips(one, persistence + horns), tips(other, persistence + horns))
+    assert identity in pairings_of_all_levels(tips(one, persistence + horns), tips(other, persistence + horns))
 
 
-def test_pairings_that_leave_out_some_are_tried_too() -> None:
+def test_pairings_that_omit_tips_are_tried() -> None:
     # One limb is in different places on the two shapes.
     between, persistence = distances(6), [1.0, 0.9, 0.8, 0.7, 0.6, 0.5]
     odd = between.copy()
@@ -72,7 +72,7 @@ def test_pairings_that_leave_out_some_are_tried_too() -> None:
     assert all(len(set(of_second)) == len(of_second) for _, of_second in found)
 
 
-def test_the_pairing_that_keeps_the_distances_comes_first() -> None:
+def test_pairing_that_preserves_distances_comes_first() -> None:
     between = distances(6)
     order = np.random.default_rng(3).permutation(6)
     one = tips(between, [1.0, 0.9, 0.8, 0.7, 0.6, 0.5])
@@ -82,7 +82,7 @@ def test_the_pairing_that_keeps_the_distances_comes_first() -> None:
 
 
 @pytest.mark.parametrize("order", [[1, 2, 0], [2, 0, 1], [0, 2, 1], [2, 1, 0]])
-def test_a_tip_is_told_by_how_far_it_stands_out_too(order: list[int]) -> None:
+def test_tips_are_distinguished_by_persistence(order: list[int]) -> None:
     # Three equidistant tips, which distances alone cannot distinguish.
     even, persistence = np.ones((3, 3)) - np.eye(3), np.array([1.0, 0.6, 0.3])
     of_one, of_other = pairings(tips(even, list(persistence)), tips(even, list(persistence[order])))[0]
@@ -90,7 +90,7 @@ def test_a_tip_is_told_by_how_far_it_stands_out_too(order: list[int]) -> None:
 
 
 @pytest.mark.parametrize("order", [[0, 2, 1, 3], [1, 2, 3, 0], [0, 1, 3, 2], [3, 0, 2, 1]])
-def test_tips_that_are_alike_are_told_by_their_distances_from_each_other(order: list[int]) -> None:
+def test_similar_tips_are_distinguished_by_mutual_distances(order: list[int]) -> None:
     between = np.array([[0.0, 1, 2, 3], [1, 0, 3, 2], [2, 3, 0, 1], [3, 2, 1, 0]])
     other = between[np.ix_(order, order)]
     of_one, of_other = pairings(tips(between, [1.0] * 4), tips(other, [1.0] * 4))[0]
@@ -108,7 +108,7 @@ def hills(*heights: float) -> tuple[np.ndarray, Any]:
     return np.concatenate([profile, profile - 1e-6]), SimpleNamespace(triangles=triangles)
 
 
-def test_a_hill_stands_out_by_its_rise_above_the_pass_to_a_higher_one() -> None:
+def test_persistence_is_the_rise_above_the_pass_to_a_higher_hill() -> None:
     values, mesh = hills(1.0, 0.3, 0.7)
     vertices, persistence = _persistent_maxima(values, mesh)
     np.testing.assert_array_equal(vertices, [2, 10, 6])
@@ -134,7 +134,7 @@ def test_limbs_are_extremities_and_bumps_are_not() -> None:
 
 
 @pytest.mark.parametrize("sides", [(1,), (-1,)])
-def test_maps_are_guessed_of_the_sides_that_are_asked_for(sides: tuple[int, ...]) -> None:
+def test_hypotheses_are_limited_to_the_requested_sides(sides: tuple[int, ...]) -> None:
     source, target = shape_of(creature(300)), shape_of(creature(290, seed=1))
     hypotheses = extremity_hypotheses(source, target, sides=sides)
     assert {"mirrored" in hypothesis.origin for hypothesis in hypotheses} == {side < 0 for side in sides}

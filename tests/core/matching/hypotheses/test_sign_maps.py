@@ -15,7 +15,7 @@ def with_functions(count: int) -> Any:
     return SimpleNamespace(basis=SimpleNamespace(eigenvalues=np.arange(float(count))))
 
 
-def test_signs_are_tried_in_all_combinations_and_named() -> None:
+def test_all_sign_combinations_are_tried_and_named() -> None:
     hypotheses = sign_hypotheses(with_functions(9), with_functions(30))
     assert len(hypotheses) == 8 + 16 + 32
     patterns = {tuple(np.diag(hypothesis.functional_map)) for hypothesis in hypotheses}

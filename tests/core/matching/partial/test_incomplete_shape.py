@@ -28,7 +28,7 @@ def places(shape: IncompleteShape) -> Floats:
     return shape.shape.mesh.vertices[shape.shape.search.samples[: len(shape.between)]]
 
 
-def test_a_scaled_shape_has_all_lengths_scaled_and_lies_where_it_was() -> None:
+def test_scaling_changes_all_lengths_but_not_the_placement() -> None:
     shape = analyse_piece(creature(400))
     twice = at_scale(shape, 2.0)
     assert at_scale(shape, 1.0) is shape
@@ -44,7 +44,7 @@ def test_a_scaled_shape_has_all_lengths_scaled_and_lies_where_it_was() -> None:
     assert twice.proxy.mesh is twice.proxy.full
 
 
-def test_a_scaled_stand_in_keeps_its_frame() -> None:
+def test_scaled_proxy_keeps_its_frame() -> None:
     shape = analyse(creature(900).surface.working.part(0)[0], 30, 100, 0, 500)
     twice = at_scale(shape, 2.0)
     assert len(twice.mesh.vertices) < 900
@@ -52,7 +52,7 @@ def test_a_scaled_stand_in_keeps_its_frame() -> None:
     np.testing.assert_allclose(twice.proxy.vertices, 2 * shape.proxy.vertices)
 
 
-def test_cuts_are_borders_that_are_long_enough() -> None:
+def test_only_long_borders_are_cuts() -> None:
     square = IncompleteShape(grid_shape())
     x, y = places(square)[:, :2].T
     middle = square.shape.mesh.vertices[:, :2].mean(axis=0)
@@ -63,7 +63,7 @@ def test_cuts_are_borders_that_are_long_enough() -> None:
     assert np.isinf(IncompleteShape(analyse_piece(creature(400))).cut_distance).all()
 
 
-def test_a_fragment_has_cuts_through_its_body_not_only_eyes() -> None:
+def test_fragment_has_cuts_through_its_body_not_only_holes() -> None:
     made = creature(800)
     assert not IncompleteShape(analyse_piece(made)).is_fragment
     pierced = IncompleteShape(analyse_piece(piece_of(made, np.arange(len(made.directions)) != 0)))
@@ -77,7 +77,7 @@ def test_a_fragment_has_cuts_through_its_body_not_only_eyes() -> None:
         assert IncompleteShape(pierced.shape).is_fragment
 
 
-def test_a_distance_is_the_wholes_where_the_way_past_a_cut_is_longer() -> None:
+def test_unaffected_distances_equal_those_of_the_whole() -> None:
     made = creature(800)
     kept = made.directions[:, 2] < 0.4
     kept[np.argmax(made.directions @ [0, -1, 0])] = False  # and a hole in the belly
@@ -107,13 +107,13 @@ def test_areas_of_balls_are_those_of_discs_up_to_the_border() -> None:
     assert (np.diff(square.log_ball_areas, axis=1) >= 0).all()
 
 
-def test_places_share_the_area_of_the_shape() -> None:
+def test_areas_of_places_add_up_to_the_area_of_the_shape() -> None:
     square = IncompleteShape(grid_shape())
     np.testing.assert_allclose(square.areas.sum(), square.shape.basis.areas.sum())
     assert 0 < square.areas.min() < square.areas.max() < 0.1
 
 
-def test_places_are_like_themselves_and_cuts_take_nothing_away(lower: PartAndWhole) -> None:
+def test_unlikeness_is_zero_for_itself_and_robust_to_cuts(lower: PartAndWhole) -> None:
     whole, part = lower.whole, lower.part
     assert unlikeness(whole, whole).diagonal().max() == 0
     unlike = unlikeness(part, whole)
@@ -131,7 +131,7 @@ def test_places_are_like_themselves_and_cuts_take_nothing_away(lower: PartAndWho
     assert blind[near].mean() > 2 * at_truth[near].mean()
 
 
-def test_where_cuts_reach_both_balls_nothing_is_known() -> None:
+def test_unlikeness_is_zero_where_cuts_reach_both_balls() -> None:
     half = IncompleteShape(analyse_piece(piece_of(made := creature(600), made.directions[:, 2] < 0.3)))
     other = IncompleteShape(analyse_piece(piece_of(made, made.directions[:, 2] > -0.3)))
     on_cuts = np.ix_(half.cut_distance == 0, other.cut_distance == 0)

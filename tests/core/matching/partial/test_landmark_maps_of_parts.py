@@ -29,7 +29,7 @@ def test_true_landmarks_are_extended_to_all_places(lower: PartAndWhole) -> None:
     assert not np.array_equal(once, place)
 
 
-def test_places_go_to_their_like_as_well_as_by_distances(lower: PartAndWhole) -> None:
+def test_places_are_assigned_by_unlikeness_and_distances(lower: PartAndWhole) -> None:
     shape = lower.whole
     every = np.arange(len(shape.between))
     few, chosen = every[: LANDMARK_MAPS.landmarks], landmarks_of(shape, 6)
@@ -43,7 +43,7 @@ def test_places_go_to_their_like_as_well_as_by_distances(lower: PartAndWhole) ->
 
 
 @pytest.mark.parametrize("rounds", [1, 2])
-def test_of_places_near_each_other_the_likest_is_taken_in_every_round(rounds: int) -> None:
+def test_most_similar_of_near_places_wins_in_every_round(rounds: int) -> None:
     line: Any = SimpleNamespace(between=0.004 * np.abs(np.subtract.outer(np.arange(20), np.arange(20))))
     likes_next = 1 - np.roll(np.eye(20), 1, axis=1)
     with retune(LANDMARK_MAPS, rounds=rounds):

@@ -28,14 +28,14 @@ def test_landmarks_are_spread_and_keep_away_from_cuts(lower: PartAndWhole) -> No
     assert apart.min() > 0.15
 
 
-def test_a_shape_without_cuts_has_its_landmarks_at_tips() -> None:
+def test_landmarks_of_a_shape_without_cuts_are_at_tips() -> None:
     whole = IncompleteShape(analyse_piece(creature(500)))
     first = landmarks_of(whole, 3)[0]
     assert whole.between[first].mean() > np.quantile(whole.between.mean(axis=1), 0.95)
     assert len(landmarks_of(whole, 10_000)) == len(whole.between)
 
 
-def test_landmarks_around_a_place_are_in_the_region_around_it(lower: PartAndWhole) -> None:
+def test_landmarks_around_a_place_stay_in_its_region(lower: PartAndWhole) -> None:
     part, around = lower.part, landmarks_of(lower.part, 2)[1]
     chosen = landmarks_of(part, 6, around)
     assert chosen[0] == around
@@ -64,7 +64,7 @@ def test_landmarks_of_a_part_are_placed_on_the_whole(lower: PartAndWhole) -> Non
     assert min(apart) > SEARCH.apart
 
 
-def test_a_cut_may_explain_what_is_longer_but_not_what_is_shorter(lower: PartAndWhole) -> None:
+def test_doubt_about_distances_past_cuts_changes_assignments(lower: PartAndWhole) -> None:
     part, whole = lower.part, lower.whole
     chosen, unlike = landmarks_of(part, 7), unlikeness(part, whole)
     found = assignments(chosen, unlike, part, whole)
@@ -73,7 +73,7 @@ def test_a_cut_may_explain_what_is_longer_but_not_what_is_shorter(lower: PartAnd
     assert not np.array_equal(found[:20], stubborn[:20])
 
 
-def test_of_assignments_that_agree_in_all_cells_one_is_kept(lower: PartAndWhole) -> None:
+def test_assignments_are_distinct_by_cells(lower: PartAndWhole) -> None:
     part, whole = lower.part, lower.whole
     chosen, unlike = landmarks_of(part, 5), unlikeness(part, whole)
     placed = assignments(chosen, unlike, part, whole)
@@ -92,12 +92,10 @@ def on_a_line(*places: float) -> Any:
 
 @pytest.mark.parametrize("count", [2, 3, 4])
 @pytest.mark.parametrize(("ratio", "is_taken"), [(0.4, True), (0.8, False)])
-def test_means_of_distances_weigh_twice_as_much_as_those_of_unlikeness(
-    count: int, ratio: float, is_taken: bool
-) -> None:
+def test_mean_distances_weigh_twice_as_much_as_unlikeness(count: int, ratio: float, is_taken: bool) -> None:
     at = np.arange(float(count))
     # The last landmark is unlike all places at the right distance, and like one that is farther away. There, the mean
-    # # cost of pairs is `ratio` times the mean unlikeness.
+    # cost of pairs is `ratio` times the mean unlikeness.
     unlike = 1 - np.eye(count, count + 1)
     unlike[-1] = [1] * count + [0]
     tolerances = SEARCH.tolerance + SEARCH.relative_tolerance * (at[-1] - at[:-1])

@@ -28,13 +28,13 @@ def found(lower: PartAndWhole) -> list[PartCandidate]:
         return part_candidates([lower.everywhere])
 
 
-def test_the_right_place_comes_first(lower: PartAndWhole, found: list[PartCandidate]) -> None:
+def test_right_place_ranks_first(lower: PartAndWhole, found: list[PartCandidate]) -> None:
     assert np.median(lower.errors(found[0].registered.closest.vertex)) < 0.05
     fits = [candidate.scores["fit"] for candidate in found]
     assert fits == sorted(fits)
 
 
-def test_what_has_come_to_lie_on_the_same_places_is_bent_further_once(lower: PartAndWhole) -> None:
+def test_candidates_with_equal_images_are_registered_once(lower: PartAndWhole) -> None:
     true, region = lower.true_places(), lower.everywhere
     shaken = np.where(np.random.default_rng(0).random(len(true)) < 0.2, np.roll(true, 1), true)
     found = [_Found(0.0, region, places) for places in (true, shaken)]
@@ -46,16 +46,14 @@ def test_what_has_come_to_lie_on_the_same_places_is_bent_further_once(lower: Par
     assert _differing(found, 1) == found[:1]
 
 
-def test_the_best_of_those_that_are_bent_roughly_are_bent_further(lower: PartAndWhole) -> None:
+def test_best_rough_candidates_are_registered_finely(lower: PartAndWhole) -> None:
     with retune(PART_CANDIDATES, regions=1, registered=4, compared=1):
         (alone,) = part_candidates([lower.everywhere])
     roughly = _register(_Found(0.0, alone.region, alone.places)).registered
     assert np.mean(roughly.residual) > np.mean(alone.registered.residual)
 
 
-def test_the_score_is_of_normals_strain_and_what_is_not_beyond_a_cut(
-    lower: PartAndWhole, found: list[PartCandidate]
-) -> None:
+def test_fit_combines_normals_strain_and_area_within_cuts(lower: PartAndWhole, found: list[PartCandidate]) -> None:
     for candidate in found:
         scores = candidate.scores
         expected = np.log(scores["normals"] + 0.01) + PART_CANDIDATES.strain * np.log(scores["strain"] + 0.02)
@@ -64,7 +62,7 @@ def test_the_score_is_of_normals_strain_and_what_is_not_beyond_a_cut(
         assert scores["fit"] == pytest.approx(expected)
 
 
-def test_regions_are_searched_one_by_one(lower: PartAndWhole) -> None:
+def test_landmark_sets_cover_the_part_and_single_regions(lower: PartAndWhole) -> None:
     spread, *regions = landmark_sets(lower.part, PART_CANDIDATES.regions)
     assert len(spread) == PART_CANDIDATES.landmarks
     assert [len(each) for each in regions] == [PART_CANDIDATES.landmarks_in_region] * PART_CANDIDATES.regions
@@ -73,7 +71,7 @@ def test_regions_are_searched_one_by_one(lower: PartAndWhole) -> None:
 
 
 @pytest.mark.slow
-def test_of_two_fragments_landmarks_of_either_are_placed_on_the_other() -> None:
+def test_fragments_are_searched_in_both_directions() -> None:
     bent, rest = creature(1100, seed=1, bend=0.5, asymmetry=0.3), creature(1000, seed=0, asymmetry=0.3)
     made_part = piece_of(bent, bent.directions @ [0.16, 0.14, -0.98] > -0.01)
     made_whole = piece_of(rest, rest.directions @ [0.87, -0.08, -0.49] > -0.24)

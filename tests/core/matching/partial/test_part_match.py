@@ -32,7 +32,7 @@ def made() -> tuple[Creature, Creature]:
     return lower_half(1500)
 
 
-def matched(source: Surface, target: Surface, **given: Any) -> zo.MatchResult:
+def match_as_part(source: Surface, target: Surface, **given: Any) -> zo.MatchResult:
     """Match with settings that always try the partial map, always accept it, and search as little as possible."""
     zo.forget_shapes()
     with (
@@ -43,7 +43,7 @@ def matched(source: Surface, target: Surface, **given: Any) -> zo.MatchResult:
         return zo.match(source, target, k_final=60, samples=400, **given)
 
 
-def off(result: zo.MatchResult, source: Creature, target: Creature, at: np.ndarray) -> np.ndarray:
+def place_errors(result: zo.MatchResult, source: Creature, target: Creature, at: np.ndarray) -> np.ndarray:
     """(q,) distances between images and true places of some vertices, at unit area of the source."""
     true = source.surface.vertices[true_vertex(source, target)[at]]
     images = result.surface_map.interpolate(source.surface.vertices)[at]
@@ -57,9 +57,9 @@ def overlap_of(one: np.ndarray, other: np.ndarray) -> float:
 
 def test_a_part_is_matched_to_its_whole(made: tuple[Creature, Creature]) -> None:
     part, whole = made
-    result = matched(whole.surface, part.surface)
+    result = match_as_part(whole.surface, part.surface)
     assert result.candidates[0].part_match is not None
-    assert np.median(off(result, whole, part, np.arange(len(part.directions)))) < 0.03
+    assert np.median(place_errors(result, whole, part, np.arange(len(part.directions)))) < 0.03
     assert np.median(result.confidence) > 0.5
     # Both surfaces have a mask, and the notes report the same share.
     assert result.has_partner.mean() > 0.95
@@ -85,10 +85,10 @@ def test_a_part_is_matched_to_its_whole(made: tuple[Creature, Creature]) -> None
 @pytest.mark.slow
 def test_a_whole_is_matched_to_its_part(made: tuple[Creature, Creature]) -> None:
     part, whole = made
-    result = matched(part.surface, whole.surface)
+    result = match_as_part(part.surface, whole.surface)
     kept = np.linalg.norm(whole.directions - part.directions[true_vertex(part, whole)], axis=1) < 0.05
     assert 0.2 < kept.mean() < 0.8
-    assert np.median(off(result, part, whole, kept)) < 0.05
+    assert np.median(place_errors(result, part, whole, kept)) < 0.05
     # Vertices off the part have no confidence, vertices on it have.
     far = np.linalg.norm(whole.directions - part.directions[true_vertex(part, whole)], axis=1) > 0.3
     assert np.median(result.confidence[far]) < 0.05
@@ -106,7 +106,7 @@ def shape_of(surface: Surface) -> ShapeAnalysis:
 
 
 @pytest.mark.slow
-def test_a_part_goes_by_landmarks_and_keeps_exact_ones(made: tuple[Creature, Creature]) -> None:
+def test_part_match_uses_landmarks_and_keeps_exact_ones(made: tuple[Creature, Creature]) -> None:
     part, whole = made
     here = int(np.argmin(part.surface.vertices[:, 2]))
     near = np.argsort(
@@ -114,7 +114,7 @@ def test_a_part_goes_by_landmarks_and_keeps_exact_ones(made: tuple[Creature, Cre
     )
     there = int(near[12])
     given = {"initial": "landmarks", "landmarks": ([there], [here]), "exact_landmarks": True}
-    result = matched(whole.surface, part.surface, **given)
+    result = match_as_part(whole.surface, part.surface, **given)
     assert result.candidates[0].part_match is not None
     assert result.surface_map.vertex[here] == there
 
@@ -123,7 +123,7 @@ def pair_of(source: Surface, target: Surface) -> Pair:
     return Pair(source, target, shape_of(source), shape_of(target), 60, 20)
 
 
-def test_only_shapes_with_cuts_are_tried(made: tuple[Creature, Creature]) -> None:
+def test_only_shapes_with_cuts_may_be_parts(made: tuple[Creature, Creature]) -> None:
     part, whole = made
     assert may_be_part(pair_of(whole.surface, part.surface))
     assert may_be_part(pair_of(part.surface, whole.surface))

@@ -23,7 +23,7 @@ def fitted(lower: PartAndWhole) -> RegisteredPart:
     return register_part(lower.true_places(), lower.part, lower.whole, LEVELS)
 
 
-def test_a_part_lies_where_it_belongs(lower: PartAndWhole, fitted: RegisteredPart) -> None:
+def test_part_is_registered_where_it_belongs(lower: PartAndWhole, fitted: RegisteredPart) -> None:
     errors = lower.errors(fitted.closest.vertex)
     assert np.median(errors) < 0.04
     assert np.median(fitted.residual) < 0.01
@@ -34,7 +34,7 @@ def test_a_part_lies_where_it_belongs(lower: PartAndWhole, fitted: RegisteredPar
     np.testing.assert_allclose(determinant, 1, atol=1e-6)
 
 
-def test_a_wrong_place_costs_strain_and_normals(lower: PartAndWhole, fitted: RegisteredPart) -> None:
+def test_wrong_place_has_more_strain_and_worse_normals(lower: PartAndWhole, fitted: RegisteredPart) -> None:
     points = lower.whole.shape.mesh.vertices[lower.whole.shape.search.samples[: len(lower.whole.between)]]
     elsewhere = points[lower.true_places()] * [-1, 1, -1]  # maps the legs to the arms
     match = np.argmin(np.linalg.norm(points - elsewhere[:, None], axis=2), axis=1)
@@ -50,7 +50,7 @@ def test_scores_do_not_depend_on_the_unit_of_areas(fitted: RegisteredPart) -> No
     assert fitted.scores(areas) == pytest.approx(fitted.scores(7 * areas))
 
 
-def test_the_whole_does_not_draw_the_part(lower: PartAndWhole) -> None:
+def test_whole_does_not_attract_the_borders_of_the_part(lower: PartAndWhole) -> None:
     """Half of the whole has no partner; if it attracted the part, it would stretch the part's borders over itself.
 
     Softer parts with more sliding would stretch more, by 0.07 at these levels.
@@ -62,9 +62,7 @@ def test_the_whole_does_not_draw_the_part(lower: PartAndWhole) -> None:
     assert off[lower.part.cut_distance_of_vertices < 0.05].mean() < 0.02
 
 
-def test_what_lies_on_another_limb_than_its_surroundings_is_not_near(
-    lower: PartAndWhole, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_vertices_that_jump_to_another_limb_are_not_near(lower: PartAndWhole, monkeypatch: pytest.MonkeyPatch) -> None:
     part, whole = lower.part.shape, lower.whole.shape
     closest, tip = Surroundings.closest, part.mesh.vertices[:, 0] > np.quantile(part.mesh.vertices[:, 0], 0.9)
     astray = np.flatnonzero(tip & ~np.isin(np.arange(len(tip)), part.search.samples))
@@ -94,11 +92,11 @@ def both_cut(lower: PartAndWhole) -> PartAndWhole:
     return PartAndWhole(lower.made_part, made, lower.part, IncompleteShape(at_scale(whole, unit)))
 
 
-def test_what_is_beyond_a_cut_of_the_whole_counts_for_nothing(both_cut: PartAndWhole) -> None:
+def test_area_beyond_a_cut_of_the_whole_is_not_scored(both_cut: PartAndWhole) -> None:
     areas, feet = both_cut.part.shape.basis.areas, both_cut.made_part.directions[:, 2] < -0.85
     fitted, unaware = (
         register_part(both_cut.true_places(), both_cut.part, whole, LEVELS)
-        for whole in (both_cut.whole, ignorant(both_cut.whole))
+        for whole in (both_cut.whole, without_cuts(both_cut.whole))
     )
     assert 0.02 < feet.mean() < 0.3
     assert fitted.on_cut[feet].mean() > 0.9
@@ -110,17 +108,17 @@ def test_what_is_beyond_a_cut_of_the_whole_counts_for_nothing(both_cut: PartAndW
     assert scores["strain"] < 0.9 * all_of_it["strain"]
 
 
-def test_what_is_beyond_a_cut_of_the_whole_is_not_drawn_to_it(both_cut: PartAndWhole) -> None:
+def test_area_beyond_a_cut_of_the_whole_is_not_attracted_to_it(both_cut: PartAndWhole) -> None:
     soft = Level(100, 1.0, 0.3, 1), Level(100, 1.1, 0.003, 8)
     feet = both_cut.made_part.directions[:, 2] < -0.85
     height = [
         np.median(register_part(both_cut.true_places(), both_cut.part, whole, soft).positions[feet, 2])
-        for whole in (both_cut.whole, ignorant(both_cut.whole))
+        for whole in (both_cut.whole, without_cuts(both_cut.whole))
     ]
     assert height[0] < height[1] - 0.01
 
 
-def ignorant(shape: IncompleteShape) -> IncompleteShape:
+def without_cuts(shape: IncompleteShape) -> IncompleteShape:
     """The same shape with its cuts undetected."""
     with retune(INCOMPLETE, loop=10.0):
         unaware = IncompleteShape(shape.shape)

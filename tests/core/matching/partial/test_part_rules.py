@@ -70,7 +70,7 @@ def on_a_line(*places: float, cut: float = np.inf) -> Any:
     return SimpleNamespace(between=between, unaffected=between <= cut)
 
 
-def test_a_pair_costs_how_far_its_distance_is_off_at_most_one_and_less_where_a_cut_may_explain_it() -> None:
+def test_pair_cost_is_capped_and_discounted_near_cuts() -> None:
     whole, part, cut = on_a_line(0, 0.5, 1.0, 3.0), on_a_line(0, 1.0), on_a_line(0, 1.0, cut=0.1)
     tolerance = SEARCH.tolerance + SEARCH.relative_tolerance
     off = [0.1, -0.1]  # deviations from a distance of one
@@ -86,7 +86,7 @@ def test_a_pair_costs_how_far_its_distance_is_off_at_most_one_and_less_where_a_c
     np.testing.assert_array_equal(_cost_of_pair(0, 1, part, whole, 4)[0], [1, 1, 0, 1])
 
 
-def test_assignments_differ_by_a_mean_distance_and_so_many_are_kept() -> None:
+def test_distinct_assignments_are_apart_and_limited_in_number() -> None:
     whole = on_a_line(*np.arange(200) * 0.08)
     # The second differs from the first by 0.08, the third by 0.16 on average.
     placed = np.array([[0, 50], [0, 52], [1, 53], [2, 52], [100, 150], [100, 151]])
@@ -113,7 +113,7 @@ def at_mirror_images(pair: PartAndWhole) -> Integers:
 
 
 @pytest.mark.parametrize("term", ["facing", "bend", "distance", "unlikeness"])
-def test_each_term_speaks_for_the_true_map_against_its_mirror_image(lower: PartAndWhole, term: str) -> None:
+def test_each_term_favours_the_true_map_over_its_mirror_image(lower: PartAndWhole, term: str) -> None:
     lead, weight = [], getattr(PART_CANDIDATES, term)
     for tried in (0.0, weight):
         with retune(PART_CANDIDATES, **{term: tried}):
@@ -122,7 +122,7 @@ def test_each_term_speaks_for_the_true_map_against_its_mirror_image(lower: PartA
     assert lead[1] > lead[0] + 0.1 * weight
 
 
-def test_what_is_near_turns_together_and_not_the_whole_part(lower: PartAndWhole) -> None:
+def test_bend_is_measured_in_small_surroundings(lower: PartAndWhole) -> None:
     none = dict.fromkeys(("facing", "distance", "unlikeness", "within"), 0.0)
     promises = []
     for width in (PART_CANDIDATES.surroundings, 1.2):
@@ -135,9 +135,7 @@ def test_what_is_near_turns_together_and_not_the_whole_part(lower: PartAndWhole)
 @pytest.mark.parametrize(
     ("term", "floor"), [("facing", 0.01), ("bend", 0.003), ("distance", 0.003), ("unlikeness", 0.01)]
 )
-def test_where_nothing_is_off_a_term_is_the_logarithm_of_its_floor(
-    lower: PartAndWhole, term: str, floor: float
-) -> None:
+def test_term_of_a_perfect_map_is_the_log_of_its_floor(lower: PartAndWhole, term: str, floor: float) -> None:
     every = np.arange(len(lower.whole.between))
     none = dict.fromkeys(("facing", "bend", "distance", "unlikeness", "within"), 0.0)
     with retune(PART_CANDIDATES, **none | {term: 1.0}):
@@ -145,7 +143,7 @@ def test_where_nothing_is_off_a_term_is_the_logarithm_of_its_floor(
     assert promise == pytest.approx(np.log(floor), abs=1e-3)
 
 
-def test_a_cut_excuses_ways_that_are_longer_than_on_the_whole_and_no_others(lower: PartAndWhole) -> None:
+def test_cuts_excuse_only_longer_distances_on_the_part(lower: PartAndWhole) -> None:
     part, unlike = lower.part, unlikeness(lower.part, lower.whole)
 
     def gained(match: Integers, of: IncompleteShape, factor: float) -> float:
@@ -189,9 +187,7 @@ def candidates_of(monkeypatch: pytest.MonkeyPatch, pair: PartAndWhole, maps: lis
     return [found.places for found in result]
 
 
-def test_of_maps_that_lead_to_the_same_places_the_most_promising_is_kept(
-    lower: PartAndWhole, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_most_promising_of_similar_maps_is_kept(lower: PartAndWhole, monkeypatch: pytest.MonkeyPatch) -> None:
     right, other = lower.true_places(), at_mirror_images(lower)
     nearly, off = right.copy(), right.copy()
     some = np.random.default_rng(0).permutation(len(right))
@@ -204,7 +200,7 @@ def test_of_maps_that_lead_to_the_same_places_the_most_promising_is_kept(
 
 
 @pytest.mark.parametrize("backwards", [False, True])
-def test_the_most_promising_assignments_are_extended_whatever_their_cost(
+def test_assignments_are_extended_by_promise_not_by_cost(
     lower: PartAndWhole, monkeypatch: pytest.MonkeyPatch, backwards: bool
 ) -> None:
     few = LANDMARK_MAPS.landmarks
@@ -222,7 +218,9 @@ def test_the_most_promising_assignments_are_extended_whatever_their_cost(
     assert lower.whole.between[found, lower.true_places()].mean() < 0.1
 
 
-def test_a_given_map_is_registered_whatever_it_promises(lower: PartAndWhole, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_given_map_is_registered_regardless_of_its_promise(
+    lower: PartAndWhole, monkeypatch: pytest.MonkeyPatch
+) -> None:
     maps = [np.roll(lower.true_places(), shift) for shift in (0, 40, 80, 120)]
     monkeypatch.setattr(candidates_module, "_search", lambda *_: maps[:3])
     monkeypatch.setattr(
@@ -235,7 +233,7 @@ def test_a_given_map_is_registered_whatever_it_promises(lower: PartAndWhole, mon
     assert [one.places is each for one, each in zip(found, (maps[0], maps[1], maps[3]), strict=True)] == [True] * 3
 
 
-def test_of_two_fragments_the_best_maps_of_either_search_are_registered_again_and_joined(
+def test_best_fragment_maps_of_both_searches_are_registered_again(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     whole, nothing = on_a_line(0.0, 0.1, 0.2, 0.3), Any
@@ -283,7 +281,7 @@ def surface_and_shapes(pair: PartAndWhole, part_is_target: bool = True) -> Pair:
 
 
 @pytest.mark.parametrize("part_is_target", [True, False])
-def test_a_map_of_wholes_gives_each_place_of_a_part_its_place(lower: PartAndWhole, part_is_target: bool) -> None:
+def test_map_of_whole_shapes_gives_the_places_of_a_part(lower: PartAndWhole, part_is_target: bool) -> None:
     true, whole = lower.true_places(), lower.whole
     of_whole = np.argmin(whole.shape.distances_between[true], axis=0)
     as_wholes: Any = SimpleNamespace(sample_map=true if part_is_target else of_whole)
@@ -299,7 +297,7 @@ def candidate(
     return Candidate("", False, False, np.eye(*size), np.eye(*size[::-1]), match, None, None, 0.0, scores, placed)
 
 
-def test_of_the_whole_has_a_partner_what_the_part_lies_on(lower: PartAndWhole, fitted: RegisteredPart) -> None:
+def test_whole_has_partners_only_where_the_part_is_placed(lower: PartAndWhole, fitted: RegisteredPart) -> None:
     part, whole = lower.part.shape, lower.whole.shape
     found, has_partner = _on_part(fitted, part, whole, PART_MATCH.residual)
     on_part = np.max(lower.made_whole.directions @ lower.made_part.directions.T, axis=1) > 0.99
@@ -312,7 +310,7 @@ def test_of_the_whole_has_a_partner_what_the_part_lies_on(lower: PartAndWhole, f
     assert _on_part(inside_out, part, whole, PART_MATCH.residual)[1].mean() < 0.1
 
 
-def test_of_the_part_has_a_partner_what_is_near_the_whole_faces_as_it_does_and_is_no_other_limb(
+def test_part_has_partners_where_distance_normals_and_limb_agree(
     lower: PartAndWhole, fitted: RegisteredPart, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     n = len(fitted.residual)
@@ -342,7 +340,7 @@ def test_of_the_part_has_a_partner_what_is_near_the_whole_faces_as_it_does_and_i
 
 
 @pytest.mark.parametrize("part_is_target", [True, False])
-def test_the_constant_function_goes_to_itself_between_bases_at_unit_area(
+def test_constant_function_maps_to_itself_at_unit_area(
     lower: PartAndWhole, fitted: RegisteredPart, monkeypatch: pytest.MonkeyPatch, part_is_target: bool
 ) -> None:
     monkeypatch.setattr(part_match, "register_part", lambda *_: fitted)
@@ -353,9 +351,7 @@ def test_the_constant_function_goes_to_itself_between_bases_at_unit_area(
 
 
 @pytest.mark.parametrize("part_is_target", [True, False])
-def test_a_candidate_leads_from_the_target_to_the_source_as_the_part_lies_on_the_whole(
-    lower: PartAndWhole, part_is_target: bool
-) -> None:
+def test_candidate_maps_target_samples_to_true_source_samples(lower: PartAndWhole, part_is_target: bool) -> None:
     one = _register(_Found(0.0, lower.everywhere, lower.true_places()))
     pair = surface_and_shapes(lower, part_is_target)
     found = _candidate(one, pair, lambda *_: {})
@@ -374,7 +370,7 @@ def test_a_candidate_leads_from_the_target_to_the_source_as_the_part_lies_on_the
 
 
 @pytest.mark.parametrize(("apart", "rivals"), [(0.05, False), (0.2, True)])
-def test_maps_that_lead_nearby_are_no_rivals(apart: float, rivals: bool) -> None:
+def test_maps_to_nearby_places_are_no_rivals(apart: float, rivals: bool) -> None:
     at = np.array([0.0, apart])
     shape = SimpleNamespace(nearest_distance_sample=np.arange(2))
     whole: Any = SimpleNamespace(shape=shape, between=np.abs(at[:, None] - at))
@@ -390,7 +386,7 @@ def test_maps_that_lead_nearby_are_no_rivals(apart: float, rivals: bool) -> None
     assert not rivals or ahead < 1e-2
 
 
-def test_what_is_known_decides_between_places(lower: PartAndWhole, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_evidence_decides_between_places(lower: PartAndWhole, monkeypatch: pytest.MonkeyPatch) -> None:
     maps = at_mirror_images(lower), lower.true_places()
     made = [_register(_Found(0.0, lower.everywhere, places)) for places in maps]
     monkeypatch.setattr(part_match, "part_candidates", lambda *_: made)
@@ -411,13 +407,13 @@ def test_what_is_known_decides_between_places(lower: PartAndWhole, monkeypatch: 
 
 
 @pytest.mark.parametrize(("fit", "certainty"), [(-4.0, 0.93), (-2.87, 0.5), (-1.0, 0.013)])
-def test_a_place_is_as_likely_as_its_fit_is_good(fit: float, certainty: float) -> None:
+def test_certainty_of_a_place_follows_its_fit(fit: float, certainty: float) -> None:
     nowhere: Any = SimpleNamespace(is_everywhere=True)
     one = candidate(nowhere, np.zeros(10, dtype=np.int64), fit)
     assert _certainty(one, [one]) == pytest.approx(certainty, abs=0.01)
 
 
-def test_a_place_is_the_less_likely_the_smaller_the_area_that_tells_of_it() -> None:
+def test_certainty_of_a_place_falls_with_the_area_that_supports_it() -> None:
     nowhere: Any = SimpleNamespace(is_everywhere=True)
     odds = []
     for extent in (1.0, 0.5, 0.1):
@@ -436,7 +432,7 @@ def test_units_differ_where_one_shape_is_smaller_than_a_hand(lower: PartAndWhole
     assert units_differ(replace(pair, target_shape=at_scale(pair.target_shape, factor))) == differ
 
 
-def test_what_goes_next_to_a_cut_of_the_whole_promises_nothing(lower: PartAndWhole) -> None:
+def test_images_next_to_a_cut_do_not_count_in_the_promise(lower: PartAndWhole) -> None:
     """Images next to a cut are ignored; the rest decides, and a smaller rest makes the promise worse."""
     part, places, unlike = lower.part, lower.true_places(), unlikeness(lower.part, lower.whole)
     astray = np.arange(len(places)) % 4 == 0
@@ -455,9 +451,7 @@ def test_what_goes_next_to_a_cut_of_the_whole_promises_nothing(lower: PartAndWho
     assert without_share < aware - 0.1
 
 
-def test_a_fit_counts_for_less_the_more_of_the_part_is_beyond_a_cut(
-    lower: PartAndWhole, fitted: RegisteredPart
-) -> None:
+def test_fit_is_penalised_by_the_area_beyond_a_cut(lower: PartAndWhole, fitted: RegisteredPart) -> None:
     areas = lower.part.shape.basis.areas
     half = np.cumsum(areas) > 0.5 * areas.sum()
     even = replace(fitted, agreement=np.full(len(half), 0.9))
@@ -466,9 +460,7 @@ def test_a_fit_counts_for_less_the_more_of_the_part_is_beyond_a_cut(
     assert beyond["extent"] == pytest.approx(whole["extent"] / 2, rel=0.02)
 
 
-def test_a_part_of_which_all_is_beyond_a_cut_fits_ill_and_has_no_extent(
-    lower: PartAndWhole, fitted: RegisteredPart
-) -> None:
+def test_part_entirely_beyond_a_cut_fits_badly_without_extent(lower: PartAndWhole, fitted: RegisteredPart) -> None:
     beyond, within = (
         _fit(replace(fitted, on_cut=np.full(len(fitted.on_cut), on_cut)), lower.part) for on_cut in (True, False)
     )

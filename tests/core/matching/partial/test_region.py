@@ -58,7 +58,7 @@ def two_handed(count: int, seed: int) -> Creature:
     return Creature(Surface(where * radius[:, None] * [1, 1.6, 2.0], triangles), where)
 
 
-def paired(count: int, of_body: int) -> tuple[Creature, Creature, Pair]:
+def hand_and_body(count: int, of_body: int) -> tuple[Creature, Creature, Pair]:
     """The left hand of one mesh of the body, another mesh of the body, and the pair in one unit."""
     other, body = two_handed(count, 1), two_handed(of_body, 0)
     hand = piece_of(other, other.directions[:, 0] > WRIST)
@@ -67,7 +67,7 @@ def paired(count: int, of_body: int) -> tuple[Creature, Creature, Pair]:
 
 @pytest.fixture(scope="module")
 def made() -> tuple[Creature, Creature, Pair]:
-    return paired(3000, 2500)
+    return hand_and_body(3000, 2500)
 
 
 @pytest.fixture(scope="module")
@@ -88,15 +88,15 @@ def errors_of(images: SurfaceMap, made: tuple[Creature, Creature, Pair]) -> np.n
     return np.asarray(np.linalg.norm(images.interpolate(points) - points[true_vertex(body, hand)], axis=1))
 
 
-def placed(one: Candidate) -> SurfaceMap:
+def placement_of(one: Candidate) -> SurfaceMap:
     assert one.part_match is not None
     return one.part_match.region.carry(one.part_match.registered).closest
 
 
-def test_a_hand_is_found_on_the_right_side_and_is_sure(
+def test_hand_is_found_on_the_right_side_with_certainty(
     made: tuple[Creature, Creature, Pair], found: list[Candidate]
 ) -> None:
-    assert np.median(errors_of(placed(found[0]), made)) < 0.02
+    assert np.median(errors_of(placement_of(found[0]), made)) < 0.02
     assert found[0].certainty > 0.9
     assert max(other.certainty for other in found[1:]) < 0.1
 
@@ -105,12 +105,10 @@ def test_a_hand_is_found_on_the_right_side_and_is_sure(
 def test_the_search_without_regions_finds_no_hand(made: tuple[Creature, Creature, Pair]) -> None:
     with retune(REGION, small=0.0), retune(PART_CANDIDATES, regions=1):
         usual = match_part(made[2])
-    assert min(np.median(errors_of(placed(one), made)) for one in usual) > 0.1
+    assert min(np.median(errors_of(placement_of(one), made)) for one in usual) > 0.1
 
 
-def test_what_of_the_body_is_not_on_the_hand_has_no_partner(
-    made: tuple[Creature, Creature, Pair], found: list[Candidate]
-) -> None:
+def test_body_has_partners_only_on_the_hand(made: tuple[Creature, Creature, Pair], found: list[Candidate]) -> None:
     fit = fit_part(made[2], found[0])
     assert np.median(errors_of(fit.fit.surface_map, made)) < 0.02
     assert fit.partners.target.mean() > 0.95
@@ -124,7 +122,7 @@ def test_what_of_the_body_is_not_on_the_hand_has_no_partner(
 
 
 @pytest.mark.slow
-def test_a_body_is_as_confident_of_its_hand_as_the_hand_of_its_place(
+def test_body_as_target_is_confident_only_on_its_hand(
     made: tuple[Creature, Creature, Pair], found: list[Candidate]
 ) -> None:
     pair = made[2]
@@ -142,7 +140,7 @@ def test_a_body_is_as_confident_of_its_hand_as_the_hand_of_its_place(
 
 
 @pytest.mark.slow
-def test_regions_are_few_apart_and_as_large_as_the_part_needs(
+def test_regions_are_few_distinct_and_sized_to_the_part(
     made: tuple[Creature, Creature, Pair], regions: list[Region]
 ) -> None:
     hand, body, pair = made
@@ -166,7 +164,7 @@ def test_regions_are_few_apart_and_as_large_as_the_part_needs(
     assert len(coarser.whole.shape.mesh.vertices) < 400 < len(regions[0].whole.shape.mesh.vertices)
 
 
-def bent_onto(region: Region) -> RegisteredPart:
+def register_onto(region: Region) -> RegisteredPart:
     """A registered part whose vertices are placed on successive triangles of a region."""
     mesh, n = region.whole.shape.mesh, len(region.part.shape.mesh.vertices)
     triangle = np.arange(n) % len(mesh.triangles)
@@ -179,11 +177,11 @@ def bent_onto(region: Region) -> RegisteredPart:
 
 
 @pytest.mark.slow
-def test_what_is_bent_onto_a_region_is_bent_onto_the_whole(
+def test_registration_onto_a_region_carries_over_to_the_whole(
     made: tuple[Creature, Creature, Pair], regions: list[Region]
 ) -> None:
     region, whole = regions[0], made[2].source_shape
-    bent = bent_onto(region)
+    bent = register_onto(region)
     carried = region.carry(bent)
     assert region.vertex is not None
     np.testing.assert_allclose(carried.positions, whole.mesh.vertices[region.vertex[bent.closest.vertex]], atol=1e-12)
@@ -214,7 +212,7 @@ def moved_by(shape: ShapeAnalysis, shift: np.ndarray) -> ShapeAnalysis:
 
 
 @pytest.mark.parametrize(("ratio", "small"), [(0.5, False), (0.3, False), (0.25, True), (0.1, True), (0.08, False)])
-def test_hands_and_feet_are_small_and_what_is_in_another_unit_is_not(
+def test_hands_are_small_parts_unless_units_differ(
     made: tuple[Creature, Creature, Pair], ratio: float, small: bool
 ) -> None:
     pair = made[2]
@@ -231,7 +229,7 @@ def test_hands_and_feet_are_small_and_what_is_in_another_unit_is_not(
         assert is_small(part, whole) == (share < REGION.small)
 
 
-def test_a_small_part_is_the_less_sure_the_nearer_its_rivals_are() -> None:
+def test_certainty_of_a_small_part_falls_with_close_rivals() -> None:
     region: Any = SimpleNamespace(is_everywhere=False, whole=SimpleNamespace(between=1 - np.eye(3)))
 
     def candidate(place: int, fit: float) -> Candidate:

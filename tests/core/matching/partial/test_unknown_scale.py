@@ -80,11 +80,11 @@ def test_either_shape_may_be_the_part(lower: PartAndWhole) -> None:
             assert candidates[0].certainty == max(candidate.certainty for candidate in candidates)
 
 
-def test_without_a_long_border_nothing_is_looked_for(lower: PartAndWhole) -> None:
+def test_shapes_without_a_long_border_are_not_searched(lower: PartAndWhole) -> None:
     assert match_at_unknown_scale(pair_of(lower.whole, lower.whole), lambda _: no_disagreement) is None
 
 
-def test_scales_do_not_compete_before_each_has_its_place(monkeypatch: pytest.MonkeyPatch, lower: PartAndWhole) -> None:
+def test_scales_compete_only_after_each_has_its_place(monkeypatch: pytest.MonkeyPatch, lower: PartAndWhole) -> None:
     """Maps at the smallest scale promise the most, and yet the right one is found, and its scale is fitted."""
     true, sizes = lower.true_places(), []
     at_true = true_scale(lower)
@@ -106,7 +106,7 @@ def test_scales_do_not_compete_before_each_has_its_place(monkeypatch: pytest.Mon
     assert lower.whole.between[found.places, true].mean() < 0.1
 
 
-def test_the_distances_between_images_tell_the_scale(lower: PartAndWhole) -> None:
+def test_scale_is_estimated_from_distances_between_images(lower: PartAndWhole) -> None:
     true = lower.true_places()
     for scale in (0.8, 1.0, 1.3):
         part = IncompleteShape(at_scale(lower.part.shape, scale))
@@ -124,7 +124,7 @@ def test_the_distances_between_images_tell_the_scale(lower: PartAndWhole) -> Non
         (None, 2, 0.0, [0.5]),
     ],
 )
-def test_parts_as_small_as_hands_are_looked_for_where_no_larger_one_is_likely(
+def test_small_scales_are_tried_if_no_larger_one_is_likely(
     monkeypatch: pytest.MonkeyPatch,
     lower: PartAndWhole,
     certain_at: float | None,
@@ -167,9 +167,7 @@ def test_another_scale_that_is_nearly_as_certain_is_matched_too(
     assert [one.scale for one in nearly_best(places)] == expected
 
 
-def test_no_scale_of_two_fragments_that_hardly_fit_is_tried(
-    monkeypatch: pytest.MonkeyPatch, lower: PartAndWhole
-) -> None:
+def test_poorly_fitting_fragments_are_not_rescaled(monkeypatch: pytest.MonkeyPatch, lower: PartAndWhole) -> None:
     seen: list[Pair] = []
 
     def placed(pair: Pair, _: object, given: Sequence[Integers] = ()) -> list[Any]:
@@ -193,7 +191,7 @@ def test_no_scale_of_two_fragments_that_hardly_fit_is_tried(
     ("times", "certainty", "taken", "noted"),
     [(30.0, 0.6, True, True), (30.0, 0.45, False, False), (1.1, 0.45, True, False), (1.1, 0.25, False, False)],
 )
-def test_another_unit_has_to_be_likelier_than_the_same_one(
+def test_other_unit_must_be_more_likely_than_the_same_one(
     monkeypatch: pytest.MonkeyPatch, times: float, certainty: float, taken: bool, noted: bool
 ) -> None:
     def shape(scale: float) -> Any:

@@ -32,7 +32,7 @@ def shape() -> ShapeAnalysis:
     return analyse(part_of(COUNT), 60, COUNT, 0)
 
 
-def test_distances_lead_from_the_first_samples_along_the_edges_to_all_vertices(shape: ShapeAnalysis) -> None:
+def test_distances_are_edge_paths_from_the_first_samples(shape: ShapeAnalysis) -> None:
     graph = edge_graph(shape.mesh.vertices, shape.mesh.triangles)
     between = dijkstra(graph, indices=shape.sampled.samples)
     known = len(shape.distances)
@@ -46,13 +46,13 @@ def test_distances_lead_from_the_first_samples_along_the_edges_to_all_vertices(s
     )
 
 
-def test_a_mesh_of_few_vertices_has_as_many_functions_as_it_allows_and_as_many_samples() -> None:
+def test_small_mesh_limits_functions_and_samples() -> None:
     shape = analyse(part_of(30), 60, 10, 0)
     assert shape.basis.eigenvectors.shape == (30, 29)
     assert len(shape.sampled.samples) == 29
 
 
-def test_progress_rises_from_nothing_to_nearly_all() -> None:
+def test_progress_rises_in_steps_to_nearly_one() -> None:
     for count, proxy_vertices in ((COUNT, None), (2000, 500)):
         fractions = fractions_of(partial(analyse, part_of(count), 20, 200, 0, proxy_vertices))
         assert fractions[0] < 0.31
@@ -61,13 +61,13 @@ def test_progress_rises_from_nothing_to_nearly_all() -> None:
         assert 0.8 < fractions[-1] < 1
 
 
-def test_distances_on_a_larger_mesh_come_in_more_steps() -> None:
+def test_distances_on_a_larger_mesh_report_more_steps() -> None:
     samples = np.arange(100)
     few, many = (len(fractions_of(partial(analysis._distances, part_of(count), samples))) for count in (COUNT, 3000))
     assert 4 < few < many < len(samples)
 
 
-def test_too_little_memory_is_said_in_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_memory_error_is_reported_in_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
     def exhausted(*_: object) -> NoReturn:
         raise MemoryError
 
@@ -76,7 +76,7 @@ def test_too_little_memory_is_said_in_a_sentence(monkeypatch: pytest.MonkeyPatch
         analyse(part_of(COUNT), 20, 100, 0)
 
 
-def test_surroundings_fade_with_the_distance_and_neighbours_are_mutual(shape: ShapeAnalysis) -> None:
+def test_surroundings_are_gaussian_and_neighbours_mutual(shape: ShapeAnalysis) -> None:
     weights, near = shape.surroundings
     known = len(shape.distances)
     np.testing.assert_allclose(weights.sum(axis=1), 1, rtol=1e-5)
@@ -95,20 +95,20 @@ def test_surroundings_fade_with_the_distance_and_neighbours_are_mutual(shape: Sh
         assert one[np.argsort(row)[1 : ANALYSIS.neighbours + 1]].all()
 
 
-def test_cells_are_of_the_vertices_nearest_to_a_sample(shape: ShapeAnalysis) -> None:
+def test_cells_contain_the_vertices_nearest_to_a_sample(shape: ShapeAnalysis) -> None:
     owner = shape.distances.argmin(axis=0)
     indicators = (owner[:, None] == np.arange(len(shape.distances))).astype(float)
     np.testing.assert_allclose(shape.cell_coefficients, shape.basis.coefficients(indicators), atol=1e-12)
 
 
-def test_coordinates_of_maps_are_those_of_eigenfunctions_that_fall_with_their_eigenvalues(shape: ShapeAnalysis) -> None:
+def test_coordinates_are_eigenfunctions_over_their_eigenvalues(shape: ShapeAnalysis) -> None:
     areas = shape.basis.areas[shape.search.samples]
     np.testing.assert_allclose(areas @ shape.coordinates, 0, atol=1e-9)  # the constant function is excluded
     sizes = np.sqrt(areas @ shape.coordinates**2)
     np.testing.assert_allclose(sizes * shape.basis.eigenvalues[1 : len(sizes) + 1], 1)
 
 
-def test_curvature_is_of_mean_zero_bounded_and_told_from_coarse_to_fine(shape: ShapeAnalysis) -> None:
+def test_curvature_has_zero_mean_and_is_sorted_coarse_to_fine(shape: ShapeAnalysis) -> None:
     samples = shape.search.samples
     areas, curvature = shape.basis.areas[samples], shape.curvature
     np.testing.assert_allclose(areas @ curvature, 0, atol=1e-9)
@@ -123,7 +123,7 @@ def test_curvature_is_of_mean_zero_bounded_and_told_from_coarse_to_fine(shape: S
     assert curvature[reach < np.median(reach)].mean() < 0
 
 
-def test_the_mirror_image_has_the_same_signatures_and_opposite_pseudo_scalars(shape: ShapeAnalysis) -> None:
+def test_mirror_image_flips_only_the_sign_of_pseudo_scalars(shape: ShapeAnalysis) -> None:
     surface = creature(COUNT).surface
     mirror = type(surface)(surface.vertices * [-1, 1, 1], surface.triangles[:, ::-1])
     mirrored = analyse(mirror.working.part(0)[0], 60, COUNT, 0)
@@ -134,7 +134,7 @@ def test_the_mirror_image_has_the_same_signatures_and_opposite_pseudo_scalars(sh
     np.testing.assert_allclose(ours[1], -theirs[1], atol=1e-5)
 
 
-def test_pseudo_scalars_are_the_same_at_samples_and_as_coefficients_but_for_their_norm(shape: ShapeAnalysis) -> None:
+def test_pseudo_scalars_at_samples_and_as_coefficients_agree(shape: ShapeAnalysis) -> None:
     signatures, pairs = shape.descriptors
     count = signatures.shape[1]
     assert pairs.shape[1] == shape.pseudo_scalars.shape[1] == (count - 1) * (count - 2) // 2

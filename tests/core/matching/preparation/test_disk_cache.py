@@ -45,7 +45,7 @@ def computed(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     return calls
 
 
-def prepared(count: int = COUNT, proxy_vertices: int | None = PROXY_VERTICES) -> ShapeAnalysis:
+def analyse_cached(count: int = COUNT, proxy_vertices: int | None = PROXY_VERTICES) -> ShapeAnalysis:
     zo.forget_shapes()
     part, _ = creature(count).surface.working.part(0)
     return memory_cache.cached_analysis(part, 40, 300, 0, proxy_vertices)
@@ -57,7 +57,7 @@ def small() -> ShapeAnalysis:
     return analyse(part, 10, 20, 0)
 
 
-def test_a_folder_keeps_what_it_has_room_for_and_lets_the_oldest_go(tmp_path: Path, small: ShapeAnalysis) -> None:
+def test_full_folder_evicts_the_oldest_shapes(tmp_path: Path, small: ShapeAnalysis) -> None:
     shapes = ShapeFolder(tmp_path / "made" / "on the way")
     shapes.save(b"a", small)
     (path,) = tmp_path.rglob("*.npz")
@@ -81,7 +81,7 @@ class Harmful:
         return Path.touch, (self.path,)
 
 
-def test_nothing_in_a_file_is_run(tmp_path: Path, small: ShapeAnalysis) -> None:
+def test_code_in_a_cache_file_is_not_run(tmp_path: Path, small: ShapeAnalysis) -> None:
     shapes = ShapeFolder(tmp_path)
     shapes.save(b"a", small)
     (path,) = tmp_path.rglob("*.npz")
@@ -98,8 +98,8 @@ def test_progress_of_storing_stays_within_its_bounds(folder: Path, small: ShapeA
 
 
 @pytest.mark.parametrize("proxy_vertices", [None, PROXY_VERTICES])
-def test_a_shape_that_was_stored_is_the_one_that_was_prepared(computed: list[int], proxy_vertices: int | None) -> None:
-    first, again = prepared(COUNT, proxy_vertices), prepared(COUNT, proxy_vertices)
+def test_stored_shape_equals_the_computed_one(computed: list[int], proxy_vertices: int | None) -> None:
+    first, again = analyse_cached(COUNT, proxy_vertices), analyse_cached(COUNT, proxy_vertices)
     assert len(computed) == 1
     assert again is not first
     for name in ("basis.eigenvectors", "basis.eigenvalues", "basis.areas", "sampled.rows", "distances"):
@@ -114,7 +114,7 @@ def test_a_shape_that_was_stored_is_the_one_that_was_prepared(computed: list[int
 
 
 @pytest.mark.slow
-def test_a_match_in_another_process_finds_them_and_gives_the_same_map(folder: Path, tmp_path: Path) -> None:
+def test_match_in_another_process_uses_the_cache(folder: Path, tmp_path: Path) -> None:
     source, target = (creature(COUNT, seed=seed).surface for seed in (0, 1))
     first = zo.match(source, target, **NUMBERS).surface_map
     before = {path: path.stat().st_mtime_ns for path in folder.rglob("*.npz")}
@@ -139,10 +139,10 @@ np.savez({str(tmp_path / "map")!r}, triangle=result.surface_map.triangle)
 
 
 @pytest.mark.parametrize("damage", ["cut off", "no zip", "other arrays"])
-def test_a_file_that_cannot_be_read_is_prepared_anew_and_mended(
+def test_unreadable_file_is_recomputed_and_replaced(
     folder: Path, computed: list[int], damage: str, caplog: pytest.LogCaptureFixture
 ) -> None:
-    first = prepared()
+    first = analyse_cached()
     (path,) = folder.rglob("*.npz")
     if damage == "cut off":
         path.write_bytes(path.read_bytes()[:5000])
@@ -151,62 +151,60 @@ def test_a_file_that_cannot_be_read_is_prepared_anew_and_mended(
     else:
         np.savez(path, eigenvalues=np.zeros(3))
     with caplog.at_level(logging.WARNING):
-        again = prepared()
+        again = analyse_cached()
     assert "cannot be read" in caplog.text
     assert len(computed) == 2
     np.testing.assert_array_equal(first.basis.eigenvectors, again.basis.eigenvectors)
-    prepared()
+    analyse_cached()
     assert len(computed) == 2
 
 
-def test_files_hold_no_pickles(folder: Path) -> None:
-    prepared()
+def test_cache_files_contain_no_pickles(folder: Path) -> None:
+    analyse_cached()
     (path,) = folder.rglob("*.npz")
     with np.load(path, allow_pickle=False) as file:
         assert all(file[name].dtype != object for name in file.files)
 
 
-def test_the_shapes_used_longest_ago_make_room(folder: Path, computed: list[int]) -> None:
-    prepared(COUNT)
+def test_least_recently_used_shapes_are_evicted(folder: Path, computed: list[int]) -> None:
+    analyse_cached(COUNT)
     (path,) = folder.rglob("*.npz")
     zo.store_shapes(folder, int(2.5 * path.stat().st_size))
-    prepared(COUNT + 1)
+    analyse_cached(COUNT + 1)
     for age, file in enumerate(sorted(folder.rglob("*.npz"), key=lambda file: file.stat().st_mtime)):
         os.utime(file, (age, age))
-    prepared(COUNT)  # used again, so the other one is evicted
-    prepared(COUNT + 2)
+    analyse_cached(COUNT)  # used again, so the other one is evicted
+    analyse_cached(COUNT + 2)
     assert len(list(folder.rglob("*.npz"))) == 2
     assert len(computed) == 3
-    prepared(COUNT)
+    analyse_cached(COUNT)
     assert len(computed) == 3
-    prepared(COUNT + 1)
+    analyse_cached(COUNT + 1)
     assert len(computed) == 4
 
 
-def test_what_a_dead_process_left_behind_goes(folder: Path) -> None:
-    prepared(COUNT)
+def test_leftover_files_of_dead_processes_are_removed(folder: Path) -> None:
+    analyse_cached(COUNT)
     (path,) = folder.rglob("*.npz")
     old, young = path.with_name(".0123abcd.part.npz"), path.with_name(".4567cdef.part.npz")
     old.touch()
     young.touch()
     os.utime(old, (0, 0))
-    prepared(COUNT + 1)
+    analyse_cached(COUNT + 1)
     assert not old.exists()
     assert young.exists()  # another process may be writing it
 
 
-def test_a_folder_that_cannot_be_written_is_named_and_does_no_harm(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_unwritable_folder_is_reported_and_harmless(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     (tmp_path / "file").touch()
     zo.store_shapes(tmp_path / "file")
     with caplog.at_level(logging.WARNING):
-        assert len(prepared().basis.eigenvalues) == 40
+        assert len(analyse_cached().basis.eigenvalues) == 40
     assert "cannot be cached" in caplog.text
 
 
 @pytest.mark.slow
-def test_processes_that_write_at_the_same_time_do_each_other_no_harm(folder: Path) -> None:
+def test_concurrent_processes_share_the_cache_safely(folder: Path) -> None:
     code = f"""
 import sys; sys.path[:0] = {sys.path!r}
 import zoomout_core as zo

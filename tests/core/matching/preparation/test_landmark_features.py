@@ -28,7 +28,7 @@ def places(shape: ShapeAnalysis) -> LandmarkFeatures:
     return landmark_features(shape, TIPS)
 
 
-def test_distances_are_those_along_the_surface_nearly(shape: ShapeAnalysis, places: LandmarkFeatures) -> None:
+def test_distances_approximate_those_along_the_surface(shape: ShapeAnalysis, places: LandmarkFeatures) -> None:
     exact = dijkstra(edge_graph(shape.mesh.vertices, shape.mesh.triangles), indices=TIPS).T
     assert places.distances.shape == exact.shape
     assert np.abs(places.distances - exact).mean() < 0.05 * exact.mean()
@@ -41,7 +41,7 @@ def test_distances_to_one_place_are_a_column(shape: ShapeAnalysis, places: Landm
     assert alone.features(np.arange(1)).shape == (500, 1)
 
 
-def test_turns_are_of_unit_deviation_and_antisymmetric(places: LandmarkFeatures) -> None:
+def test_turns_have_unit_deviation_and_are_antisymmetric(places: LandmarkFeatures) -> None:
     i, j = np.triu_indices(len(TIPS), k=1)
     np.testing.assert_allclose(places.turns[:, i, j].std(axis=0), 1)
     np.testing.assert_array_equal(places.turns, -places.turns.transpose(0, 2, 1))
@@ -56,18 +56,18 @@ def test_distances_and_turns_are_smoothed_a_little(shape: ShapeAnalysis, places:
         assert 0.2 < left[-1] / left[0] < 0.9
 
 
-def test_two_places_that_are_one_have_no_sense(shape: ShapeAnalysis) -> None:
+def test_coincident_places_have_no_turn(shape: ShapeAnalysis) -> None:
     assert not landmark_features(shape, TIPS[[0, 0]]).turns.any()
 
 
-def test_turns_tell_the_sense_in_which_two_places_lie_around_a_point(places: LandmarkFeatures) -> None:
+def test_turns_tell_the_order_of_two_places_around_a_point(places: LandmarkFeatures) -> None:
     # Seen from outside, the left hand is to the right of the chest and to the left of the back.
     chest, back = MADE.directions @ [0, -1, 0] > 0.9, MADE.directions @ [0, 1, 0.4] > 0.95
     left_hand_and_leg = places.turns[:, 0, 3]
     assert left_hand_and_leg[chest].mean() * left_hand_and_leg[back].mean() < 0
 
 
-def test_features_are_of_unit_scale_and_turns_weigh_less(places: LandmarkFeatures) -> None:
+def test_features_have_unit_scale_and_turns_weigh_less(places: LandmarkFeatures) -> None:
     features = places.features(np.arange(5))
     distances, turns = features[:, :5], features[:, 5:]
     assert turns.shape[1] == 10
@@ -79,13 +79,13 @@ def test_features_are_of_unit_scale_and_turns_weigh_less(places: LandmarkFeature
     assert (turns[:, 0] * places.turns[:, 0, 1] > 0).mean() > 0.99
 
 
-def test_distances_count_alike_in_any_unit_and_from_any_place(places: LandmarkFeatures) -> None:
+def test_distance_features_do_not_depend_on_unit_or_place(places: LandmarkFeatures) -> None:
     larger = LandmarkFeatures(places.vertices, 3 * places.distances, places.turns)
     np.testing.assert_allclose(larger.features(np.arange(5)), places.features(np.arange(5)))
     np.testing.assert_allclose(places.features(np.arange(5))[:, :5].mean(axis=0), places.features(np.arange(1)).mean())
 
 
-def test_only_the_first_of_many_places_turn() -> None:
+def test_only_the_first_of_many_places_have_turns() -> None:
     many = LandmarkFeatures(np.arange(30), np.ones((4, 30)), np.ones((4, 30, 30)))
     counts = [many.features(np.arange(count)).shape[1] - count for count in (3, 5, 15, 30)]
     assert counts[:2] == [3, 10]

@@ -24,7 +24,7 @@ pytestmark = pytest.mark.usefixtures("few_candidates")
 
 
 @pytest.fixture(autouse=True)
-def nothing_kept() -> Iterator[None]:
+def clear_cache() -> Iterator[None]:
     zo.forget_shapes()
     yield
     zo.forget_shapes()
@@ -39,17 +39,17 @@ def as_new(surface: Surface) -> Surface:
     return Surface(surface.vertices, surface.triangles)
 
 
-def prepared(part: WorkingMesh, k: int = 30) -> ShapeAnalysis:
+def analyse_cached(part: WorkingMesh, k: int = 30) -> ShapeAnalysis:
     return cached_analysis(part, k, 100, 0, None)
 
 
 def test_an_equal_mesh_is_prepared_once(part: WorkingMesh) -> None:
     again = Surface(*(array.copy() for array in (creature(1500).surface.vertices, part.triangles))).working
     assert again is not part
-    assert prepared(again) is prepared(part)
+    assert analyse_cached(again) is analyse_cached(part)
 
 
-def test_a_surface_of_the_same_arrays_is_read_once() -> None:
+def test_surfaces_of_the_same_arrays_share_a_working_mesh() -> None:
     first, again, other = (as_new(creature(count).surface) for count in (1500, 1500, 1400))
     assert cached_working_mesh(first) is first.working
     assert cached_working_mesh(again) is first.working
@@ -59,7 +59,7 @@ def test_a_surface_of_the_same_arrays_is_read_once() -> None:
     assert cached_working_mesh(as_new(first)) is not first.working
 
 
-def test_a_surface_of_the_same_arrays_has_one_hull_of_each_kind() -> None:
+def test_surfaces_of_the_same_arrays_share_hulls_of_each_kind() -> None:
     first, again, other = (as_new(creature(count).surface) for count in (600, 600, 500))
     hull = cached_hull(first)
     assert hull.is_hull
@@ -70,39 +70,37 @@ def test_a_surface_of_the_same_arrays_has_one_hull_of_each_kind() -> None:
 
 @pytest.mark.slow(but=2)
 @pytest.mark.parametrize("field", ["vertices", "triangles", "vertex_of", "triangle_of", "flipped", "scale"])
-def test_any_difference_makes_it_another_shape(part: WorkingMesh, field: str) -> None:
+def test_any_difference_of_the_mesh_makes_another_shape(part: WorkingMesh, field: str) -> None:
     value = getattr(part, field)
     if isinstance(value, float):
         other = 2 * value
     else:
         other = value.copy()
         other[:2] = value[1::-1] if value.dtype != bool else ~value[:2]
-    assert prepared(part) is not prepared(replace(part, **{field: other}))
+    assert analyse_cached(part) is not analyse_cached(replace(part, **{field: other}))
 
 
-def test_other_numbers_make_it_another_shape(part: WorkingMesh) -> None:
-    assert len(prepared(part, 30).basis.eigenvalues) == 30
-    assert len(prepared(part, 20).basis.eigenvalues) == 20
+def test_another_number_of_functions_makes_another_shape(part: WorkingMesh) -> None:
+    assert len(analyse_cached(part, 30).basis.eigenvalues) == 30
+    assert len(analyse_cached(part, 20).basis.eigenvalues) == 20
 
 
-def test_the_shapes_used_longest_ago_are_let_go_first(part: WorkingMesh, monkeypatch: pytest.MonkeyPatch) -> None:
-    first, second = prepared(part, 20), prepared(part, 21)
+def test_least_recently_used_shapes_are_evicted_first(part: WorkingMesh, monkeypatch: pytest.MonkeyPatch) -> None:
+    first, second = analyse_cached(part, 20), analyse_cached(part, 21)
     monkeypatch.setattr(memory_cache, "MAX_BYTES", 2.5 * bytes_of(second))
-    assert prepared(part, 20) is first
-    prepared(part, 22)  # no room for three
-    assert prepared(part, 20) is first
-    assert prepared(part, 21) is not second
+    assert analyse_cached(part, 20) is first
+    analyse_cached(part, 22)  # no room for three
+    assert analyse_cached(part, 20) is first
+    assert analyse_cached(part, 21) is not second
 
 
-def test_the_two_shapes_of_the_last_match_are_kept_however_large(
-    part: WorkingMesh, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_two_shapes_of_the_last_match_are_always_kept(part: WorkingMesh, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(memory_cache, "MAX_BYTES", 1000)
-    first, second = prepared(part, 20), prepared(part, 21)
-    assert prepared(part, 20) is first
-    assert prepared(part, 21) is second
-    prepared(part, 22)
-    assert prepared(part, 20) is not first
+    first, second = analyse_cached(part, 20), analyse_cached(part, 21)
+    assert analyse_cached(part, 20) is first
+    assert analyse_cached(part, 21) is second
+    analyse_cached(part, 22)
+    assert analyse_cached(part, 20) is not first
 
 
 @pytest.mark.slow
@@ -114,7 +112,7 @@ def test_a_second_match_gives_the_same_map() -> None:
 
 
 @pytest.mark.parametrize("changed", ["k", "samples", "seed", "proxy_vertices"])
-def test_each_number_that_a_shape_is_prepared_with_makes_it_another_one(
+def test_every_number_of_an_analysis_is_part_of_its_key(
     monkeypatch: pytest.MonkeyPatch, part: WorkingMesh, changed: str
 ) -> None:
     asked: list[tuple[int | None, ...]] = []
@@ -123,7 +121,7 @@ def test_each_number_that_a_shape_is_prepared_with_makes_it_another_one(
         asked.append(numbers)
         return first
 
-    first = prepared(part)
+    first = analyse_cached(part)
     monkeypatch.setattr(memory_cache, "analyse", prepare)
     numbers = {"k": 31, "samples": 100, "seed": 0, "proxy_vertices": None}
     other = numbers | {changed: 700}
@@ -133,7 +131,7 @@ def test_each_number_that_a_shape_is_prepared_with_makes_it_another_one(
 
 
 @pytest.mark.slow
-def test_a_match_finds_what_was_prepared_ahead(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_match_reuses_shapes_that_were_prepared_ahead(monkeypatch: pytest.MonkeyPatch) -> None:
     one, other = (creature(count, bend=bend).surface for count, bend in ((1500, 0.0), (1400, 0.9)))
     expected = zo.match(as_new(one), as_new(other), k_final=30)
     zo.forget_shapes()

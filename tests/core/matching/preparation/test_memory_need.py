@@ -23,20 +23,20 @@ def refusal(monkeypatch: pytest.MonkeyPatch, free: float, vertices: list[int], p
     return str(refused.value)
 
 
-def test_nothing_is_refused_that_fits_or_where_nothing_is_known(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_fitting_or_unknown_memory_is_not_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     for free in (None, 100 * GIB):
         monkeypatch.setattr(memory_need, "free_memory", lambda free=free: free)
         check_memory(MILLION, 200, None)
 
 
 @pytest.mark.parametrize(("free", "detail"), [(1.75, "fine"), (1.65, "balanced"), (1.5, "fast")])
-def test_the_finest_detail_that_fits_is_named(monkeypatch: pytest.MonkeyPatch, free: float, detail: str) -> None:
+def test_finest_detail_that_fits_is_suggested(monkeypatch: pytest.MonkeyPatch, free: float, detail: str) -> None:
     said = refusal(monkeypatch, free, MILLION, None)
     assert f"1,000,000 and 800,000 vertices need about 38.3 GiB of memory, but only {free:.1f} GiB are free" in said
     assert f"use detail '{detail}'" in said
 
 
-def test_the_size_that_fits_is_named_and_fits(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_suggested_size_fits(monkeypatch: pytest.MonkeyPatch) -> None:
     for vertices, proxy_vertices in ((MILLION, None), ([3_000_000], 8000)):
         said = refusal(monkeypatch, 1.0, vertices, proxy_vertices)
         fitting = [int(n.replace(",", "")) for n in re.findall(r"\d+,[\d,]+", said.partition("simplify them to")[2])]
@@ -46,12 +46,12 @@ def test_the_size_that_fits_is_named_and_fits(monkeypatch: pytest.MonkeyPatch) -
             check_memory([int(1.1 * n + 0.02 * all_of) for n, all_of in zip(fitting, vertices, strict=True)], 200, None)
 
 
-def test_where_nothing_fits_only_other_programs_are_left(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_closing_programs_is_suggested_if_nothing_fits(monkeypatch: pytest.MonkeyPatch) -> None:
     said = refusal(monkeypatch, 0.01, [100, 100], 500)
     assert said.endswith("0.0 GiB are free: close other programs.")
 
 
-def test_a_match_and_a_search_for_symmetries_are_refused_before_they_begin(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_match_and_symmetry_are_refused_before_they_start(monkeypatch: pytest.MonkeyPatch) -> None:
     surface = creature(300).surface
     monkeypatch.setattr(memory_need, "free_memory", lambda: 1 << 20)
     with pytest.raises(zo.MeshError, match="Meshes of 300 and 300 vertices need about 0"):

@@ -24,7 +24,7 @@ from zoomout_core.mesh.triangles import triangle_areas
 from zoomout_core.tuning import retune
 
 
-def test_a_stand_in_lies_on_the_surface_and_reaches_its_tips() -> None:
+def test_proxy_stays_on_the_surface_and_reaches_its_tips() -> None:
     part = creature(20000).surface.working
     proxy = make_proxy(part, 3000)
     assert 0.8 * 3000 < len(proxy.mesh.vertices) < 1.2 * 3000
@@ -34,7 +34,7 @@ def test_a_stand_in_lies_on_the_surface_and_reaches_its_tips() -> None:
     assert np.linalg.norm(tips[:, None] - proxy.vertices, axis=2).min(axis=1).max() < 0.02
 
 
-def test_a_small_mesh_stands_for_itself() -> None:
+def test_small_mesh_is_its_own_proxy() -> None:
     part = creature(3000).surface.working
     for count in (None, 3000, 2500):
         proxy = make_proxy(part, count)
@@ -54,7 +54,7 @@ def test_a_coarse_mesh_is_subdivided_and_its_vertices_stay_in_place() -> None:
 
 
 @pytest.mark.slow
-def test_coarse_meshes_match_more_exactly_if_they_are_subdivided() -> None:
+def test_subdivision_makes_coarse_matches_more_accurate() -> None:
     source, target = creature(260, seed=0), creature(200, seed=1, bend=0.6)
     truth, errors = true_vertex(source, target), []
     for fewest in (12, ProxyTuning().fewest):
@@ -65,7 +65,7 @@ def test_coarse_meshes_match_more_exactly_if_they_are_subdivided() -> None:
     assert errors[1] < 0.8 * errors[0]
 
 
-def test_a_mesh_is_decimated_where_that_is_worth_it() -> None:
+def test_mesh_is_decimated_only_if_worthwhile() -> None:
     part = creature(3000).surface.working
     counts = [len(make_proxy(part, count).mesh.vertices) for count in (3000, 2700, 1500)]
     assert counts[:2] == [3000, 3000]
@@ -73,41 +73,44 @@ def test_a_mesh_is_decimated_where_that_is_worth_it() -> None:
 
 
 @pytest.fixture(scope="module")
-def stand_in() -> Proxy:
+def coarse_proxy() -> Proxy:
     return make_proxy(creature(3000).surface.working, 600)
 
 
-def test_a_stand_in_is_of_unit_area_and_its_frame_leads_back(stand_in: Proxy) -> None:
-    on_surface = stand_in.to_surface(stand_in.mesh.vertices)
-    np.testing.assert_allclose(on_surface, stand_in.full.to_surface(stand_in.vertices))
-    np.testing.assert_allclose(stand_in.from_surface(on_surface), stand_in.mesh.vertices, atol=1e-12)
-    place, size = stand_in.frame
-    np.testing.assert_allclose(stand_in.mesh.vertices * size + place, stand_in.vertices, atol=1e-9)
-    assert triangle_areas(stand_in.mesh.vertices, stand_in.mesh.triangles).sum() == pytest.approx(1)
-    moved = replace(stand_in, vertices=3 * stand_in.vertices + [1, 2, 3])
+def test_proxy_has_unit_area_and_an_invertible_frame(coarse_proxy: Proxy) -> None:
+    on_surface = coarse_proxy.to_surface(coarse_proxy.mesh.vertices)
+    np.testing.assert_allclose(on_surface, coarse_proxy.full.to_surface(coarse_proxy.vertices))
+    np.testing.assert_allclose(coarse_proxy.from_surface(on_surface), coarse_proxy.mesh.vertices, atol=1e-12)
+    place, size = coarse_proxy.frame
+    np.testing.assert_allclose(coarse_proxy.mesh.vertices * size + place, coarse_proxy.vertices, atol=1e-9)
+    assert triangle_areas(coarse_proxy.mesh.vertices, coarse_proxy.mesh.triangles).sum() == pytest.approx(1)
+    moved = replace(coarse_proxy, vertices=3 * coarse_proxy.vertices + [1, 2, 3])
     np.testing.assert_allclose(moved.frame[0], 3 * place + [1, 2, 3])
     assert moved.frame[1] == pytest.approx(3 * size)
 
 
-def test_vertices_have_their_place_near_that_which_they_were_merged_into(stand_in: Proxy) -> None:
-    corners = stand_in.mesh.triangles[stand_in.place.triangle]
-    near = np.linalg.norm(stand_in.vertices[corners] - stand_in.vertices[stand_in.merged][:, None], axis=2).min(axis=1)
+def test_vertices_are_placed_near_the_vertex_they_merged_into(coarse_proxy: Proxy) -> None:
+    corners = coarse_proxy.mesh.triangles[coarse_proxy.place.triangle]
+    near = np.linalg.norm(
+        coarse_proxy.vertices[corners] - coarse_proxy.vertices[coarse_proxy.merged][:, None], axis=2
+    ).min(axis=1)
     assert (near == 0).mean() > 0.9
     exact = SurfaceMap(
-        *closest_points(stand_in.full.vertices, stand_in.vertices, stand_in.mesh.triangles), stand_in.mesh.triangles
+        *closest_points(coarse_proxy.full.vertices, coarse_proxy.vertices, coarse_proxy.mesh.triangles),
+        coarse_proxy.mesh.triangles,
     )
     off, least = (
-        np.linalg.norm(each.interpolate(stand_in.vertices) - stand_in.full.vertices, axis=1)
-        for each in (stand_in.place, exact)
+        np.linalg.norm(each.interpolate(coarse_proxy.vertices) - coarse_proxy.full.vertices, axis=1)
+        for each in (coarse_proxy.place, exact)
     )
     assert np.median(off - least) < 1e-9
     assert (off < least + 0.05).all()
 
 
-def test_images_are_brought_to_the_full_mesh_as_near_as_makes_a_difference(stand_in: Proxy) -> None:
-    full = stand_in.full
+def test_images_on_the_full_mesh_are_nearly_the_closest_points(coarse_proxy: Proxy) -> None:
+    full = coarse_proxy.full
     images = full.vertices[full.triangles].mean(axis=1) + 0.01 * full.vertex_normals[full.triangles[:, 0]]
-    found = stand_in.closest(images).interpolate(full.vertices)
+    found = coarse_proxy.closest(images).interpolate(full.vertices)
     least = SurfaceMap(*closest_points(images, full.vertices, full.triangles), full.triangles).interpolate(
         full.vertices
     )
@@ -115,7 +118,7 @@ def test_images_are_brought_to_the_full_mesh_as_near_as_makes_a_difference(stand
     assert (off <= np.maximum(best, 0.005) + 1e-12).all()
 
 
-def test_vertices_of_a_splinter_go_to_the_stand_in_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_splinter_of_a_decimation_is_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
     part = creature(600).surface.working
 
     def with_a_splinter(points: np.ndarray, triangles: np.ndarray, _: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -143,7 +146,7 @@ def threads_that_take_turns() -> Iterator[None]:
 
 
 @pytest.mark.usefixtures("threads_that_take_turns")
-def test_two_stand_ins_made_at_the_same_time_are_those_of_their_own_meshes() -> None:
+def test_concurrent_decimations_do_not_mix_meshes() -> None:
     parts = [creature(count, seed).surface.working for count, seed in ((30000, 0), (20000, 1))]
     alone = [make_proxy(part, 3000) for part in parts]
     with ThreadPoolExecutor(2) as pool:
@@ -152,7 +155,7 @@ def test_two_stand_ins_made_at_the_same_time_are_those_of_their_own_meshes() -> 
         np.testing.assert_array_equal(proxy.mesh.triangles, expected.mesh.triangles)
 
 
-def test_a_map_between_stand_ins_is_carried_over_to_the_surfaces() -> None:
+def test_map_between_proxies_is_carried_over_to_the_surfaces() -> None:
     first, second = creature(16000, seed=0).surface.working, creature(12000, seed=1).surface.working
     source, target = make_proxy(first, 3000), make_proxy(second, 3000)
     between = SurfaceMap(
@@ -164,7 +167,7 @@ def test_a_map_between_stand_ins_is_carried_over_to_the_surfaces() -> None:
     np.testing.assert_array_equal(surface_map.source_triangles, first.triangles)
 
 
-def test_open_and_non_manifold_meshes_have_stand_ins() -> None:
+def test_open_and_non_manifold_meshes_have_proxies() -> None:
     whole = creature(20000).surface
     kept = whole.vertices[whole.triangles].mean(axis=1)[:, 2] < 0.8
     fin = np.array([[*whole.triangles[np.flatnonzero(kept)[0], :2], len(whole.vertices)]])
@@ -177,7 +180,7 @@ def test_open_and_non_manifold_meshes_have_stand_ins() -> None:
 
 
 @pytest.mark.parametrize("name", ["dense_080", "mc_081"])
-def test_dense_and_sliver_meshes_have_stand_ins_that_lie_on_them(benchmark_data: Path, name: str) -> None:
+def test_proxies_of_dense_and_sliver_meshes_stay_on_them(benchmark_data: Path, name: str) -> None:
     part, _ = read_surface(benchmark_data / "faust_discretisation" / f"{name}.ply").working.part(0)
     for count in (3000, 4000):
         proxy = make_proxy(part, count)

@@ -57,7 +57,7 @@ def name_of(here, there, mirrored=False):
         (FRONT_BACK * UP_DOWN, candidate_differences.UPSIDE_DOWN),
     ],
 )
-def test_what_is_turned_as_a_whole_is_said_so(signs, name):
+def test_rotation_or_reflection_of_the_whole_is_named(signs, name):
     here = points(DOG)
     there = mirrored_about_center(here, signs) + np.random.default_rng(0).normal(0, 0.01, here.shape)
     assert name_of(here, there) == name
@@ -65,7 +65,7 @@ def test_what_is_turned_as_a_whole_is_said_so(signs, name):
     assert name_of(here[:, [1, 0, 2]], there[:, [1, 0, 2]]) == name
 
 
-def test_limbs_that_are_exchanged_are_named():
+def test_swapped_limbs_are_named():
     here = points(PERSON)
     arms = points(PERSON, left_arm="right arm", right_arm="left arm")
     legs = points(PERSON, left_leg="right leg", right_leg="left leg")
@@ -77,7 +77,7 @@ def test_limbs_that_are_exchanged_are_named():
     assert name_of(points(DOG), dog) == candidate_differences.LEGS
 
 
-def test_what_is_elsewhere_without_an_exchange_is_above_or_below():
+def test_other_differences_are_named_by_top_or_bottom():
     here = points(PERSON)
     above, below = here.copy(), here.copy()
     above[here[:, 0] > 0.3] += (0, 0, 0.6)
@@ -88,6 +88,6 @@ def test_what_is_elsewhere_without_an_exchange_is_above_or_below():
     assert name_of(here, slightly) == candidate_differences.BOTTOM
 
 
-def test_a_mirror_image_is_called_that_whatever_differs():
+def test_mirrored_candidate_is_named_a_mirror_image():
     here = points(PERSON)
     assert name_of(here, here, mirrored=True) == candidate_differences.MIRROR

@@ -59,14 +59,14 @@ def certainties(*candidates: Candidate, sides_are_known: bool = True) -> list[fl
     return [found[one.origin + str(one.mirrored)] for one in candidates]
 
 
-def test_a_map_without_rivals_is_as_sure_as_its_fit_in_space() -> None:
+def test_certainty_without_rivals_follows_the_fit_in_space() -> None:
     fitting, doubtful, misfit = (certainties(candidate(0.0, place=place))[0] for place in (0.005, 0.04, 0.3))
     assert fitting > 0.99
     assert 0.1 < doubtful < 0.95
     assert misfit < 0.01
 
 
-def test_a_finished_map_that_tears_the_surface_is_unsure_also_without_a_rival() -> None:
+def test_tears_of_a_finished_map_reduce_its_certainty() -> None:
     fair = candidate(0.0, place=0.025)
     whole, scratched, torn = (
         certainties(replace(fair, scores=fair.scores | {TORN: count}))[0] for count in (0, 2, 100)
@@ -82,7 +82,7 @@ def test_a_finished_map_that_tears_the_surface_is_unsure_also_without_a_rival() 
     assert hulls[0].certainty == hulls[1].certainty
 
 
-def test_a_shape_with_a_border_may_lack_pieces_and_a_hull_hides_them() -> None:
+def test_borders_and_hulls_reduce_certainty() -> None:
     fair = candidate(0.0, place=0.03)
     closed, opened, hull = (
         sort_by_certainty([fair], line(), shape)[0].certainty
@@ -91,7 +91,7 @@ def test_a_shape_with_a_border_may_lack_pieces_and_a_hull_hides_them() -> None:
     assert opened == hull < 0.8 < 0.9 < closed
 
 
-def test_of_two_maps_that_are_as_good_neither_is_sure_and_a_lead_puts_rivals_out() -> None:
+def test_equal_rivals_share_certainty_and_a_lead_excludes_them() -> None:
     assert certainties(candidate(0.0), candidate(0.0, 0.5)) == pytest.approx([0.5, 0.5], abs=0.01)
     ahead, behind = certainties(candidate(0.0), candidate(1.3, 0.5))
     assert ahead > 0.95
@@ -107,14 +107,14 @@ def exchange(one: Candidate, count: int) -> Candidate:
     return replace(one, origin=f"{one.origin} exchanged", sample_map=sample_map)
 
 
-def finished(one: Candidate, distortion: Floats) -> Candidate:
+def finish(one: Candidate, distortion: Floats) -> Candidate:
     """A candidate whose finished map is that of its samples."""
     energy = float(distortion.mean())
     refined: Any = (SimpleNamespace(vertex=one.sample_map), np.zeros((0, 0)))
     return replace(one, refined=refined, distortion=distortion, scores=one.scores | {ENERGY: energy})
 
 
-def test_maps_that_lead_to_nearly_the_same_places_are_no_rivals() -> None:
+def test_maps_to_nearly_the_same_places_are_no_rivals() -> None:
     assert certainties(candidate(0.0), candidate(0.0, 0.15))[0] > 0.99
     assert certainties(candidate(0.0), candidate(0.0, 0.3))[0] < 0.6
 
@@ -124,29 +124,29 @@ def test_a_map_that_exchanges_two_small_limbs_is_a_rival() -> None:
     assert certainties(candidate(0.0), exchange(candidate(0.0), 1))[0] == pytest.approx(0.5, abs=0.01)
 
 
-def test_a_finished_map_that_is_a_variant_of_another_is_no_rival_whatever_its_samples_said() -> None:
+def test_equal_finished_maps_are_no_rivals_despite_their_samples() -> None:
     one, other = candidate(0.0), candidate(0.0, 0.3)
     smooth = np.full(COUNT, 0.1)
-    both = finished(one, smooth), replace(finished(other, smooth), refined=finished(one, smooth).refined)
+    both = finish(one, smooth), replace(finish(other, smooth), refined=finish(one, smooth).refined)
     assert certainties(*both)[0] > 0.99
 
 
-def test_energies_of_finished_maps_count_where_the_maps_differ() -> None:
+def test_energies_count_only_where_finished_maps_differ() -> None:
     here = np.full(COUNT, 0.2)
     torn = here.copy()
     torn[[0, 1, -2, -1]] *= 2.0
-    right, wrong = finished(candidate(0.0), here), finished(exchange(candidate(0.0), 2), torn)
+    right, wrong = finish(candidate(0.0), here), finish(exchange(candidate(0.0), 2), torn)
     assert wrong.scores[ENERGY] < 1.11 * right.scores[ENERGY]
     assert certainties(right, wrong)[0] > 0.99
     # A distortion elsewhere, which is due to the mesh, changes the order, but makes no map certain.
     elsewhere = here.copy()
     elsewhere[10:20] *= 2.0
-    first, second = certainties(right, finished(exchange(candidate(0.0), 2), elsewhere))
+    first, second = certainties(right, finish(exchange(candidate(0.0), 2), elsewhere))
     assert first == pytest.approx(0.5, abs=0.01)
     assert second == pytest.approx(0.5, abs=0.01)
 
 
-def test_any_lead_has_a_certainty() -> None:
+def test_extreme_lead_gives_a_certainty_without_a_warning() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         first, last = certainties(candidate(0.0), candidate(1e4, 0.5))
@@ -154,7 +154,7 @@ def test_any_lead_has_a_certainty() -> None:
     assert 0 <= last < 1e-6
 
 
-def test_where_two_surfaces_stand_makes_a_map_likely_but_not_sure() -> None:
+def test_placement_makes_a_map_likely_but_not_certain() -> None:
     off = 0.5
     standing = candidate(0.0)
     turned = candidate(evidence_score(IN_SPACE, off), 0.5, in_space=off)
@@ -163,39 +163,39 @@ def test_where_two_surfaces_stand_makes_a_map_likely_but_not_sure() -> None:
     assert 0.8 < ranked[0].certainty < 0.9
 
 
-def test_a_finished_map_of_lower_energy_comes_first_and_is_surer() -> None:
+def test_finished_map_of_lower_energy_ranks_first() -> None:
     ahead, behind, rest = candidate(0.0), candidate(0.6, 0.5), candidate(0.5, 0.9)
     assert sort_by_certainty([ahead, behind, rest], line(), line())[0].origin == ahead.origin
     energies = np.full((2, COUNT), [[0.11], [0.085]])
-    ranked = sort_by_certainty([*map(finished, (ahead, behind), energies), rest], line(), line())
+    ranked = sort_by_certainty([*map(finish, (ahead, behind), energies), rest], line(), line())
     # The map that is not finished is taken to be as bad as the worst one that is.
     assert [one.origin for one in ranked] == [behind.origin, ahead.origin, rest.origin]
     assert ranked[0].certainty > 0.7 > 0.3 > ranked[1].certainty > ranked[2].certainty
 
 
-def test_no_map_is_surer_than_one_before_it() -> None:
-    # The second fits better in space, but all else speaks against it.
+def test_certainty_never_rises_down_the_ranking() -> None:
+    # The second fits better in space, but all else contradicts it.
     first, second = candidate(0.0, place=0.05), candidate(0.1, 0.05, place=0.01)
     ranked = sort_by_certainty([second, first], line(), line())
     assert ranked[0].origin == first.origin
     assert ranked[1].certainty == ranked[0].certainty
 
 
-def test_mirror_images_come_last_and_rival_each_other_only() -> None:
+def test_mirror_images_rank_last_and_rival_only_each_other() -> None:
     direct, mirrored, other = candidate(5.0), candidate(0.0, 0.5, mirrored=True), candidate(0.0, 0.9, mirrored=True)
     ranked = sort_by_certainty([mirrored, direct, other], line(), line())
     assert [one.mirrored for one in ranked] == [False, True, True]
     assert certainties(direct, mirrored, other) == pytest.approx([0.99, 0.5, 0.5], abs=0.02)
 
 
-def test_a_cloth_may_be_bent_the_other_way_so_its_mirror_images_are_rivals() -> None:
+def test_mirror_images_of_cloth_are_rivals() -> None:
     direct, mirrored = candidate(5.0), candidate(0.0, 0.5, mirrored=True)
     ranked = sort_by_certainty([direct, mirrored], line(sides_are_known=False), line())
     assert ranked[0].mirrored
     assert certainties(direct, mirrored, sides_are_known=False)[0] < 0.01
 
 
-def test_of_a_plane_that_fits_its_mirror_image_as_well_the_plane_itself_is_taken() -> None:
+def test_plane_is_preferred_to_its_mirror_image() -> None:
     shape = analyse(sheet(300).surface.working.part(0)[0], 40, 120, 0)
     identity = np.arange(len(shape.search.samples))
     scores = {"commutativity": 0.1, "frequency": 0.1, "distance": 0.1, "curvature": 0.0, "handedness": 0.0}
@@ -213,7 +213,7 @@ def leading(scores: list[float], quotas: tuple[tuple[int, int], tuple[int, int]]
     return [one.scores["total"] for one in _leading(maps, scores, line(), quotas)]
 
 
-def test_some_maps_go_on_in_any_case_and_more_if_they_are_nearly_as_good() -> None:
+def test_quota_keeps_a_minimum_and_maps_of_similar_score() -> None:
     scores = [3.0, 0.0, 1.2, 0.5, 2.0, 0.9]
     assert leading(scores, ((2, 4), (1, 1))) == [0.0, 0.5, 0.9, 1.2]
     assert leading(scores, ((2, 6), (1, 1))) == [0.0, 0.5, 0.9, 1.2]
@@ -221,13 +221,13 @@ def test_some_maps_go_on_in_any_case_and_more_if_they_are_nearly_as_good() -> No
     assert leading(scores, ((0, 2), (1, 1))) == [0.0, 0.5]
 
 
-def test_mirror_images_are_measured_by_the_best_of_them() -> None:
+def test_mirror_images_are_compared_with_the_best_of_them() -> None:
     scores, reverses = [0.0, 0.1, 8.0, 8.2, 9.9], [False, False, True, True, True]
     assert leading(scores, ((1, 9), (1, 2)), reverses=reverses) == [0.0, 0.1, 8.0, 8.2]
     assert leading(scores, ((1, 9), (3, 3)), reverses=reverses) == scores
 
 
-def test_maps_that_are_the_same_go_on_once() -> None:
+def test_duplicate_maps_are_kept_once() -> None:
     assert leading([0.3, 0.1, 0.2], ((3, 9), (1, 1)), shifts=[0.0, 0.0, 0.5]) == [0.1, 0.2]
 
 
@@ -248,7 +248,7 @@ def ranked(creatures: tuple[Creature, Creature]) -> tuple[list[Candidate], Shape
     return rank(hypotheses, source, target), source, target
 
 
-def test_the_true_map_comes_first_and_its_mirror_image_is_kept_after_it(ranked) -> None:
+def test_true_map_ranks_first_and_its_mirror_image_is_kept(ranked) -> None:
     candidates, *_ = ranked
     assert candidates[0].origin == "true"
     assert (candidates[-1].origin, candidates[-1].reverses_orientation) == ("mirrored", True)
@@ -272,7 +272,7 @@ def test_candidates_are_refined_both_ways(ranked, creatures) -> None:
 
 
 @pytest.mark.parametrize(("agreement", "reverses"), [(-0.6, True), (-0.1, False), (0.1, False)])
-def test_a_map_whose_normals_agree_as_often_as_not_is_no_mirror_image(ranked, monkeypatch, agreement, reverses) -> None:
+def test_map_with_mixed_normals_is_no_mirror_image(ranked, monkeypatch, agreement, reverses) -> None:
     # It mirrors only some limbs, and the alignment undoes that.
     (first, *_), *shapes = ranked
     monkeypatch.setattr("zoomout_core.matching.ranking.rank.orientation_agreement", lambda *_: agreement)
@@ -280,13 +280,13 @@ def test_a_map_whose_normals_agree_as_often_as_not_is_no_mirror_image(ranked, mo
     assert found.reverses_orientation is reverses
 
 
-def test_a_closed_shape_is_not_aligned_the_other_way_whatever_fits_better(ranked) -> None:
+def test_mirrored_candidate_of_a_closed_shape_stays_mirrored(ranked) -> None:
     candidates, *shapes = ranked
     assert _align(replace(candidates[0], mirrored=True), *shapes).mirrored
 
 
 @pytest.mark.parametrize("sides_are_known", [True, False])
-def test_where_sides_are_unknown_mirror_images_are_compared_as_others_are(ranked, monkeypatch, sides_are_known) -> None:
+def test_mirror_images_share_the_quota_if_sides_are_unknown(ranked, monkeypatch, sides_are_known) -> None:
     candidates, *shapes = ranked
     monkeypatch.setattr("zoomout_core.matching.ranking.rank.sides_are_known", lambda *_: sides_are_known)
     hypotheses = [Hypothesis(one.origin, one.functional_map[:8, :8]) for one in candidates]
@@ -295,7 +295,7 @@ def test_where_sides_are_unknown_mirror_images_are_compared_as_others_are(ranked
     assert [one.reverses_orientation for one in found].count(False) == 1
 
 
-def test_progress_of_ranking_rises_through_screening_refining_and_aligning(ranked) -> None:
+def test_progress_of_ranking_rises_through_all_stages(ranked) -> None:
     candidates, *shapes = ranked
     hypotheses = [Hypothesis(one.origin, one.functional_map[:8, :8]) for one in candidates]
     fractions = [0.0, *fractions_of(lambda: rank(hypotheses, *shapes)), 1.0]
@@ -311,7 +311,7 @@ def test_candidates_are_as_large_as_both_bases_allow(creatures) -> None:
         assert found.functional_map.shape == found.reverse_functional_map.shape == (20, 20)
 
 
-def test_others_join_candidates_where_they_are_other_maps() -> None:
+def test_only_distinct_maps_join_the_candidates() -> None:
     first = sort_by_certainty([candidate(0.0), candidate(0.2, 0.6)], line(), line())
     same, new = candidate(-5.0, 0.001), candidate(-1.3, 0.3)
     joined = with_others(first, [same, new], line(), line())

@@ -51,11 +51,11 @@ def by_directions(factors: list[float]) -> np.ndarray:
 SAME, UPSIDE_DOWN, MIRRORED = (by_directions(factors) for factors in ([1, 1, 1], [1, -1, -1], [-1, 1, 1]))
 
 
-def test_nothing_known_is_nothing_said(pair: Pair) -> None:
+def test_no_evidence_gives_no_disagreement(pair: Pair) -> None:
     assert disagreement(pair, NOTHING, SAME) == {}
 
 
-def test_a_common_axis_speaks_against_what_stands_on_its_head_only(pair: Pair) -> None:
+def test_common_axis_penalises_only_upside_down_maps(pair: Pair) -> None:
     up = replace(NOTHING, common_axes=np.array([[0.0, 0, 1]]))
     same, turned, mirrored = (disagreement(pair, up, vertex)["axes"] for vertex in (SAME, UPSIDE_DOWN, MIRRORED))
     assert same < 0.05
@@ -64,7 +64,7 @@ def test_a_common_axis_speaks_against_what_stands_on_its_head_only(pair: Pair) -
 
 
 @pytest.mark.parametrize("turn", [0, -90], ids=["z up", "y up"])
-def test_shapes_that_stand_upright_speak_a_little_against_what_stands_on_its_head(pair: Pair, turn: float) -> None:
+def test_upright_slightly_penalises_upside_down_maps(pair: Pair, turn: float) -> None:
     by = Rotation.from_euler("x", turn, degrees=True)
     surface = Surface(by.apply(pair.source.vertices), pair.source.triangles)
     shape = analyse(surface.working.part(0)[0], 60, 500, 0)
@@ -79,14 +79,14 @@ def test_shapes_that_stand_upright_speak_a_little_against_what_stands_on_its_hea
     assert evidence_score(UPRIGHT, 1.0) <= MAX_IN_SPACE
 
 
-def test_standing_upright_says_nothing_beside_a_common_axis_or_a_common_place(pair: Pair) -> None:
+def test_upright_is_ignored_beside_an_axis_or_a_common_place(pair: Pair) -> None:
     upright = replace(NOTHING, upright=True)
     places = pair.target_shape.proxy.vertices[pair.target_shape.search.samples]
     assert set(disagreement(pair, replace(upright, common_axes=np.array([[0.0, 0, 1]])), SAME)) == {"axes"}
     assert set(disagreement(pair, replace(upright, in_space=places), SAME)) == {IN_SPACE}
 
 
-def test_regions_speak_against_maps_that_leave_them(pair: Pair) -> None:
+def test_regions_penalise_maps_that_leave_them(pair: Pair) -> None:
     both = replace(
         NOTHING, regions=[(np.flatnonzero(LEG), np.flatnonzero(LEG)), (np.flatnonzero(TAIL), np.flatnonzero(TAIL))]
     )
@@ -98,14 +98,14 @@ def test_regions_speak_against_maps_that_leave_them(pair: Pair) -> None:
     assert disagreement(pair, replace(NOTHING, regions=[(all_of_it, np.flatnonzero(LEG))]), UPSIDE_DOWN) == {}
 
 
-def test_an_earlier_map_speaks_by_the_distance_along_the_surface(pair: Pair) -> None:
+def test_earlier_map_penalises_by_distance_along_the_surface(pair: Pair) -> None:
     samples = pair.target_shape.search.samples
     earlier = replace(NOTHING, earlier=SAME[samples])
     assert disagreement(pair, earlier, SAME)["earlier map"] < 0.1
     assert disagreement(pair, earlier, UPSIDE_DOWN)["earlier map"] > 0.3
 
 
-def test_where_the_two_stand_speaks_by_the_distance_in_space(pair: Pair) -> None:
+def test_placement_penalises_by_distance_in_space(pair: Pair) -> None:
     standing = replace(NOTHING, in_space=pair.source_shape.proxy.vertices[pair.target_shape.search.samples])
     found = [disagreement(pair, standing, vertex)["place in space"] for vertex in (SAME, MIRRORED)]
     assert found[0] < 0.01
@@ -113,7 +113,7 @@ def test_where_the_two_stand_speaks_by_the_distance_in_space(pair: Pair) -> None
     assert found[1] == pytest.approx(pair.target_shape.basis.areas @ off, rel=0.1)
 
 
-def test_landmarks_speak_by_the_sum_of_their_distances(pair: Pair) -> None:
+def test_landmarks_penalise_by_the_sum_of_their_distances(pair: Pair) -> None:
     tips = np.array([np.argmax(MADE.directions @ axis) for axis in ([0, 0, -1], [0, 1, 0], [0, 0, 1])])
     one, all_three = (replace(NOTHING, landmarks=(tips[:n], tips[:n])) for n in (1, 3))
     assert disagreement(pair, all_three, SAME)["landmarks"] < 0.3
@@ -124,7 +124,7 @@ def test_landmarks_speak_by_the_sum_of_their_distances(pair: Pair) -> None:
     )
 
 
-def test_anchors_of_regions_are_of_unit_scale_and_fade_beyond_them(pair: Pair) -> None:
+def test_anchors_of_regions_have_unit_scale_and_fade_outside(pair: Pair) -> None:
     anchors = replace(NOTHING, regions=[(np.flatnonzero(TAIL), np.flatnonzero(TAIL))]).anchors(pair)
     assert anchors is not None
     np.testing.assert_array_equal(anchors.source, anchors.target)
@@ -138,7 +138,7 @@ def test_anchors_of_regions_are_of_unit_scale_and_fade_beyond_them(pair: Pair) -
     assert NOTHING.anchors(pair) is None
 
 
-def test_a_landmark_that_is_met_takes_its_surroundings_along_and_nothing_else() -> None:
+def test_exact_landmark_moves_only_its_surroundings() -> None:
     surface = MADE.surface
     target = int(np.argmax(MADE.directions[:, 1]))
     distance = np.linalg.norm(surface.vertices - surface.vertices[target], axis=1) / np.sqrt(surface.area)
@@ -150,7 +150,7 @@ def test_a_landmark_that_is_met_takes_its_surroundings_along_and_nothing_else() 
     assert moved[distance > 0.4].max() < 1e-6
 
 
-def test_anchors_of_regions_are_smoothed_beyond_what_the_basis_leaves_out(pair: Pair) -> None:
+def test_anchors_of_regions_are_smoothed_beyond_the_basis(pair: Pair) -> None:
     anchors = replace(NOTHING, regions=[(np.flatnonzero(TAIL), np.flatnonzero(TAIL))]).anchors(pair)
     assert anchors is not None
     basis = pair.source_shape.basis
@@ -158,7 +158,7 @@ def test_anchors_of_regions_are_smoothed_beyond_what_the_basis_leaves_out(pair: 
     assert 0.01 < left[-1] / left[1] < 0.5
 
 
-def test_how_far_a_landmark_that_is_met_takes_its_surroundings_along_falls_as_a_gaussian() -> None:
+def test_displacement_around_an_exact_landmark_is_gaussian() -> None:
     flat = sheet(400).surface
     places, unit = flat.vertices, np.sqrt(flat.area)
     inner = int(np.linalg.norm(places - places.mean(axis=0), axis=1).argmin())
@@ -204,7 +204,7 @@ def known(two: tuple[Pair, np.ndarray], evidence: Constraints) -> dict[str, floa
     return evidence.disagreement(pair)(C, sample_map, None)
 
 
-def test_axes_are_those_of_each_surface_in_its_own_frame(two) -> None:
+def test_axes_refer_to_the_frame_of_each_surface(two) -> None:
     # The frames differ by an unknown rotation: the target's z axis is the source's y axis.
     z = known(two, replace(NOTHING, common_axes=np.array([[0.0, 0, 1]])))["axes"]
     pair, truth = two
@@ -214,7 +214,7 @@ def test_axes_are_those_of_each_surface_in_its_own_frame(two) -> None:
     assert z > 0.5
 
 
-def test_vertices_of_no_face_belong_to_no_region(two) -> None:
+def test_unused_vertices_belong_to_no_region(two) -> None:
     pair, truth = two
     target = np.flatnonzero(np.isin(truth, np.flatnonzero(pair.source.vertices[:-1, 1] < -1)))
     legs = np.flatnonzero(pair.source.vertices[:-1, 1] < -1)
@@ -225,7 +225,7 @@ def test_vertices_of_no_face_belong_to_no_region(two) -> None:
     assert with_strays == clean < 0.5
 
 
-def test_regions_between_the_samples_speak_against_all_maps_alike(two) -> None:
+def test_regions_without_samples_penalise_all_maps_equally(two) -> None:
     pair, _ = two
     alone = [
         np.setdiff1d(np.arange(50, 150), shape.search.samples)[:1] for shape in (pair.source_shape, pair.target_shape)
@@ -233,7 +233,7 @@ def test_regions_between_the_samples_speak_against_all_maps_alike(two) -> None:
     assert known(two, replace(NOTHING, regions=[(alone[0], alone[1] + 1)]))["regions"] == 1
 
 
-def test_axes_are_made_unit_vectors_or_refused() -> None:
+def test_axes_are_normalised_or_refused() -> None:
     np.testing.assert_allclose(check_axes((0, 0, 2)), [[0, 0, 1]])
     np.testing.assert_allclose(check_axes([(3, 0, 4), (0, -2, 0)]), [[0.6, 0, 0.8], [0, -1, 0]])
     assert check_axes(None).shape == (0, 3)
@@ -242,7 +242,7 @@ def test_axes_are_made_unit_vectors_or_refused() -> None:
             check_axes(axes)
 
 
-def test_regions_are_vertices_of_each_surface_in_its_turn(two) -> None:
+def test_regions_are_checked_against_each_surface(two) -> None:
     pair, _ = two
     ((of_source, of_target),) = check_regions([([1, 300], (5,))], pair.source, pair.target)
     np.testing.assert_array_equal(of_source, [1, 300])

@@ -47,12 +47,12 @@ def with_total(candidate: Candidate, total: float) -> Candidate:
 
 
 def ranked(candidates: dict[str, Candidate], shapes, lag: float) -> list[Candidate]:
-    """Candidates of which the samples prefer the wrong one to the true one, by a lead in score."""
+    """Rank candidates whose samples prefer the wrong one to the true one, by a lead in score."""
     given = with_total(candidates["about"], -15.0), with_total(candidates["true"], -15.0 + lag)
     return rank_finished([*given, candidates["mirrored"]], *shapes, 20)
 
 
-def test_the_finished_map_decides_if_samples_prefer_the_wrong_one_by_a_little(candidates, shapes) -> None:
+def test_finished_map_overrules_a_small_lead_of_samples(candidates, shapes) -> None:
     first, second, mirrored = ranked(candidates, shapes, 0.5)
     assert (first.origin, second.origin, mirrored.origin) == ("true", "about", "mirrored")
     assert first.scores[ENERGY] < 0.8 * second.scores[ENERGY]
@@ -63,7 +63,7 @@ def test_the_finished_map_decides_if_samples_prefer_the_wrong_one_by_a_little(ca
     assert ENERGY not in mirrored.scores
 
 
-def test_a_map_that_is_far_ahead_stays_first_and_it_alone_is_refined(candidates, shapes) -> None:
+def test_only_the_first_map_is_finished_if_far_ahead(candidates, shapes) -> None:
     assert ranked(candidates, shapes, FINISHED_MAPS.margin - 0.01)[0].origin == "true"
     first, *others = ranked(candidates, shapes, FINISHED_MAPS.margin + 0.01)
     assert first.origin == "about"
@@ -77,9 +77,7 @@ def test_only_the_first_few_are_refined(candidates, shapes) -> None:
     assert sum(ENERGY in one.scores for one in found) == FINISHED_MAPS.most
 
 
-def test_the_finished_map_of_the_ranking_is_kept_and_is_the_one_that_would_be_computed(
-    creatures, candidates, shapes, monkeypatch
-) -> None:
+def test_finished_map_of_the_ranking_is_reused(creatures, candidates, shapes, monkeypatch) -> None:
     found = ranked(candidates, shapes, 0.5)
     kept = refine_candidate(found[0], *shapes, FINISHED_MAPS.size, 20)
     assert kept is found[0].refined
@@ -98,7 +96,7 @@ def test_the_finished_map_of_the_ranking_is_kept_and_is_the_one_that_would_be_co
     assert dense_map(pair, again[0]).functional_map.shape == kept[1].shape
 
 
-def test_a_map_of_the_mirror_image_is_no_reflection(creatures, shapes) -> None:
+def test_local_distortion_accounts_for_mirrored_maps(creatures, shapes) -> None:
     source, target = shapes
     images = creatures[0].surface.working.part(0)[0].vertices
     order = np.asarray(cKDTree(images).query(source.mesh.vertices)[1])

@@ -16,7 +16,7 @@ FAST = {"k_final": 60}
 MIRROR = np.array([-1.0, 1, 1])
 
 
-def test_landmarks_on_a_mirror_image_are_placed_by_the_mirrored_candidate() -> None:
+def test_mirrored_candidate_places_landmarks_on_a_mirror_image() -> None:
     source, other = hollow(700, 0), hollow(650, 1)
     target = Surface(MIRROR * grow(other.vertices), other.triangles[:, ::-1])
     result = zo.match(source, target, **FAST)

@@ -28,7 +28,7 @@ def sample_map(vertex: np.ndarray, source: ShapeAnalysis, target: ShapeAnalysis)
     return np.asarray(cKDTree(samples).query(source.mesh.vertices[vertex[target.search.samples]])[1])
 
 
-def test_orientation_is_kept_by_the_true_map_and_reversed_by_the_mirrored_one(shapes, resting, bent) -> None:
+def test_orientation_agrees_for_the_true_map_only(shapes, resting, bent) -> None:
     for vertex, sign in ((true_vertex(resting, bent), 1), (mirrored_vertex(resting, bent), -1)):
         assert sign * orientation_agreement(sample_map(vertex, *shapes), *shapes) > 0.8
 
@@ -49,7 +49,7 @@ def test_every_criterion_prefers_the_true_map_to_a_wrong_one(shapes, resting, be
     assert right["handedness"] > 0.1
 
 
-def test_handedness_tells_a_shape_from_its_mirror_image(shapes, resting) -> None:
+def test_handedness_distinguishes_a_mirror_image(shapes, resting) -> None:
     source = shapes[0]
     mirror = Surface(resting.surface.vertices * [-1, 1, 1], resting.surface.triangles[:, ::-1])
     target = analyse(mirror.working, 100, 500, 0)

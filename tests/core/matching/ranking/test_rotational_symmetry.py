@@ -41,7 +41,7 @@ OF_CUBE = np.array(
 )
 
 
-def analysed(surface: Surface) -> ShapeAnalysis:
+def analyse_coarsely(surface: Surface) -> ShapeAnalysis:
     """Analyse a surface with few functions and samples."""
     return analyse(surface.working.part(0)[0], 60, 400, 0)
 
@@ -75,21 +75,21 @@ def analysed(surface: Surface) -> ShapeAnalysis:
     ],
 )
 def test_all_rotations_of_a_solid_are_found(corners: np.ndarray, turns: int) -> None:
-    assert len(self_maps(analysed(solid(corners).surface))) == turns
+    assert len(self_maps(analyse_coarsely(solid(corners).surface))) == turns
 
 
 @pytest.mark.slow(but=1)
 @pytest.mark.parametrize("corners", [prism(24, 1.5), pyramid(24)], ids=["cylinder", "cone"])
-def test_of_infinitely_many_rotations_some_are_found(corners: np.ndarray) -> None:
-    assert 8 <= len(self_maps(analysed(solid(corners).surface))) <= MAX_ROTATIONS
+def test_some_of_infinitely_many_rotations_are_found(corners: np.ndarray) -> None:
+    assert 8 <= len(self_maps(analyse_coarsely(solid(corners).surface))) <= MAX_ROTATIONS
 
 
-def test_round_shapes_of_any_kind_have_rotations() -> None:
-    assert len(self_maps(analysed(shape(VASE, 1500).surface))) == 1
-    assert len(self_maps(analysed(shape(TORUS, 1500).surface))) > 8
+def test_vase_torus_and_square_have_rotations() -> None:
+    assert len(self_maps(analyse_coarsely(shape(VASE, 1500).surface))) == 1
+    assert len(self_maps(analyse_coarsely(shape(TORUS, 1500).surface))) > 8
     corners = np.array([[x, y, 0.0] for x in range(9) for y in range(9)])
     faces = [[9 * x + y, 9 * x + y + 1, 9 * x + y + 10, 9 * x + y + 9] for x in range(8) for y in range(8)]
-    assert len(self_maps(analysed(Surface(corners, faces)))) >= 6  # a square may also be flipped
+    assert len(self_maps(analyse_coarsely(Surface(corners, faces)))) >= 6  # a square may also be flipped
 
 
 @pytest.mark.slow(but=1)
@@ -105,12 +105,12 @@ def test_round_shapes_of_any_kind_have_rotations() -> None:
     ],
     ids=["creature", "bent creature", "stone", "lopsided torus", "cube with a nose", "disc with a nose"],
 )
-def test_what_is_only_nearly_round_has_none(surface: Surface) -> None:
-    assert not len(self_maps(analysed(surface)))
+def test_nearly_symmetric_shapes_have_no_rotations(surface: Surface) -> None:
+    assert not len(self_maps(analyse_coarsely(surface)))
 
 
-def test_a_self_map_takes_functions_to_where_the_shape_is_turned() -> None:
-    shape_of_box = analysed(solid(BOX).surface)
+def test_self_map_rotates_functions_with_the_shape() -> None:
+    shape_of_box = analyse_coarsely(solid(BOX).surface)
     positions = shape_of_box.basis.coefficients(shape_of_box.mesh.vertices)[:60]
     signs = []
     for turned in self_maps(shape_of_box):
@@ -127,14 +127,14 @@ def cubes() -> tuple[zo.MatchResult, Surface, Surface]:
 
 
 @pytest.mark.slow
-def test_a_cube_says_that_it_may_be_turned(cubes: tuple[zo.MatchResult, Surface, Surface]) -> None:
+def test_match_of_cubes_reports_equally_good_rotations(cubes: tuple[zo.MatchResult, Surface, Surface]) -> None:
     result, _, _ = cubes
     assert result.certainty == pytest.approx(1 / 24, rel=0.05)
     assert "at least 24 maps fit as well" in result.notes[0]
     assert not any("No reliable match" in note for note in result.notes)
 
 
-def test_the_finished_map_of_the_best_one_is_not_that_of_its_turned_maps(cubes) -> None:
+def test_rotated_maps_do_not_share_the_finished_map(cubes) -> None:
     result = cubes[0]
     best = replace(result.candidates[0], refined=(result.surface_map, result.functional_map))
     found = with_turned([best], result.pair.source_shape, result.pair.target_shape, no_disagreement)
@@ -143,7 +143,7 @@ def test_the_finished_map_of_the_best_one_is_not_that_of_its_turned_maps(cubes) 
 
 
 @pytest.mark.slow
-def test_each_of_its_turned_maps_may_be_chosen(cubes: tuple[zo.MatchResult, Surface, Surface]) -> None:
+def test_every_rotated_map_can_be_chosen(cubes: tuple[zo.MatchResult, Surface, Surface]) -> None:
     result, source, target = cubes
     turned = [number for number, one in enumerate(result.candidates) if one.turns == 24]
     assert len(turned) == 24
@@ -159,7 +159,7 @@ def test_each_of_its_turned_maps_may_be_chosen(cubes: tuple[zo.MatchResult, Surf
     assert min(np.abs(a - b).max() for i, a in enumerate(turns) for b in turns[:i]) > 0.5
 
 
-def test_landmarks_tell_the_turned_maps_apart(cubes: tuple[zo.MatchResult, Surface, Surface]) -> None:
+def test_landmarks_choose_among_rotated_maps(cubes: tuple[zo.MatchResult, Surface, Surface]) -> None:
     _, source, target = cubes
     known = [solid(CUBE, 900, seed).directions for seed in (1, 2)]
     wanted = OF_CUBE[7]
@@ -174,13 +174,13 @@ def test_landmarks_tell_the_turned_maps_apart(cubes: tuple[zo.MatchResult, Surfa
     assert not result.notes
 
 
-def test_a_target_that_is_round_is_unsure_where_the_source_is_not() -> None:
+def test_symmetry_of_the_target_alone_reduces_certainty() -> None:
     result = zo.match(solid(BOX, 900, 1, nose=0.15).surface, solid(BOX, 900, 2).surface, **FEW, upright=False)
     assert result.certainty < 0.3
     assert "at least 4 maps" in result.notes[0]
 
 
-def test_what_stands_upright_is_likely_to_stay_so_unless_that_is_turned_off() -> None:
+def test_upright_option_prefers_maps_that_stay_upright() -> None:
     source, target = (
         box.surface.with_vertices(box.directions * np.linalg.norm(box.surface.vertices, axis=1, keepdims=True))
         for box in (solid(BOX, 900, seed) for seed in (1, 2))
@@ -196,7 +196,7 @@ def test_what_stands_upright_is_likely_to_stay_so_unless_that_is_turned_off() ->
 
 
 @pytest.mark.parametrize("initial", ["proximity", "given"])
-def test_a_map_that_the_user_began_with_is_not_turned(initial: str) -> None:
+def test_map_given_by_the_user_is_not_rotated(initial: str) -> None:
     cube = solid(CUBE, 900, 1).surface
     given = np.arange(len(cube.vertices)) if initial == "given" else None
     result = zo.match(cube, cube, initial=initial, initial_map=given)
@@ -209,11 +209,11 @@ def listed(*certainties: float, turns: int) -> list[Any]:
     return [SimpleNamespace(certainty=one, turns=turns if i < turns else 1) for i, one in enumerate(certainties)]
 
 
-def test_a_shape_counts_as_recognised_if_only_its_turn_is_unknown() -> None:
+def test_certainty_but_for_turns_adds_up_all_rotations() -> None:
     assert certainty_but_for_turns(listed(0.3, 0.3, 0.3, 0.1, turns=3)) == pytest.approx(0.9)
     assert certainty_but_for_turns(listed(0.3, 0.3, turns=1)) == 0.3
 
 
-def test_turned_maps_that_landmarks_rule_out_are_not_counted() -> None:
+def test_rotated_maps_that_landmarks_exclude_are_not_counted() -> None:
     assert likely_turns(listed(0.45, 0.45, 0.05, 0.05, turns=4), 0) == 2
     assert likely_turns(listed(0.5, 0.5, turns=1), 0) == 1

@@ -46,38 +46,38 @@ def shapes() -> tuple[ShapeAnalysis, ShapeAnalysis]:
 
 
 @pytest.mark.parametrize("criterion", SCORES)
-def test_a_map_is_ranked_by_each_criterion(criterion: str) -> None:
+def test_better_value_of_each_criterion_lowers_the_score(criterion: str) -> None:
     better = 0.1 if criterion in ("curvature", "handedness") else -0.04
     assert total_score(SCORES | {criterion: SCORES[criterion] + better}) < total_score(SCORES) - 0.05
 
 
 @pytest.mark.parametrize("kind", ["landmarks", "earlier map", "place in space", "axes", "regions"])
-def test_a_map_that_disagrees_with_what_is_known_is_ranked_behind(kind: str) -> None:
+def test_disagreement_with_evidence_raises_the_score(kind: str) -> None:
     # For each kind, 10% of full disagreement, or of the square root of the area, changes the score.
     assert kind in EVIDENCE_WEIGHTS
     assert total_score(SCORES | {kind: 0.1}) > total_score(SCORES) + 0.1
 
 
-def test_landmarks_outweigh_what_a_map_and_its_mirror_image_differ_by() -> None:
+def test_landmarks_outweigh_the_difference_to_a_mirror_image() -> None:
     # A flip changes the total score by 2 to 4; a landmark on the wrong hand is off by much more than 0.1.
     for criterion, off in (("landmarks", 0.25), ("earlier map", 0.45)):
         assert total_score(SCORES | {criterion: off}) > total_score(SCORES) + 4
 
 
-def test_places_in_space_tell_more_than_any_other_criterion_and_handedness_less_than_two_of_them() -> None:
+def test_place_weighs_most_and_handedness_less_than_two_criteria() -> None:
     doubled = {name: total_score(SCORES | {name: 2 * SCORES[name]}) for name in SCORES if name != "handedness"}
     assert all(doubled["place"] > other for name, other in doubled.items() if name not in ("place", "curvature"))
     lost = total_score(SCORES | {"handedness": SCORES["handedness"] - 1}) - total_score(SCORES)
     assert 0.5 < lost / (total_score(SCORES | {"commutativity": np.e * 0.1}) - total_score(SCORES)) < 2
 
 
-def test_what_is_not_known_of_a_map_says_nothing() -> None:
+def test_missing_criteria_do_not_affect_the_score() -> None:
     unknown = {name: score for name, score in SCORES.items() if name not in ("place", "facing")}
     assert total_score(unknown) == pytest.approx(total_score(unknown | {"place": 1.0, "facing": 1.0}))
     assert total_score(SCORES | dict.fromkeys(EVIDENCE_WEIGHTS, 0.0)) == pytest.approx(total_score(SCORES))
 
 
-def test_handedness_weighs_the_same_wherever_it_begins_and_a_perfect_map_has_a_score() -> None:
+def test_handedness_is_linear_and_a_perfect_score_is_finite() -> None:
     steps = [
         total_score(SCORES | {"handedness": start}) - total_score(SCORES | {"handedness": start + 0.1})
         for start in (0.0, 0.6)
@@ -86,7 +86,7 @@ def test_handedness_weighs_the_same_wherever_it_begins_and_a_perfect_map_has_a_s
     assert np.isfinite(total_score(dict.fromkeys(SCORES, 0.0) | {"curvature": 1.0}))
 
 
-def test_a_correlation_is_blind_to_offset_and_scale_and_knows_its_sign() -> None:
+def test_correlation_ignores_offset_and_scale_but_not_sign() -> None:
     random = np.random.default_rng(0)
     x, weights = random.standard_normal((400, 3)), np.full(400, 1 / 400)
     assert correlation(x, 3 * x + 5, weights) == pytest.approx(1)
@@ -96,20 +96,20 @@ def test_a_correlation_is_blind_to_offset_and_scale_and_knows_its_sign() -> None
     assert correlation(both, both * [1, -1], weights) == pytest.approx(0, abs=1e-9)
 
 
-def test_a_correlation_counts_places_by_what_they_stand_for() -> None:
+def test_correlation_is_weighted() -> None:
     x, y = np.array([[0.0], [1], [2], [9]]), np.array([[0.0], [1], [2], [-9]])
     assert correlation(x, y, np.array([1, 1, 1, 0]) / 3) == pytest.approx(1)
     assert correlation(x, y, np.full(4, 0.25)) < 0
 
 
-def test_a_function_that_is_constant_but_for_rounding_correlates_with_nothing() -> None:
+def test_nearly_constant_function_has_no_correlation() -> None:
     x = np.random.default_rng(0).standard_normal((50, 1))
     for scale in (1e-4, 1, 1e4):
         flat = scale * (1 + 1e-9 * x)
         assert abs(correlation(flat, x, np.full(50, 0.02))) < 1e-3
 
 
-def test_an_isometry_keeps_everything_and_a_shuffled_map_keeps_little(
+def test_isometry_has_perfect_scores_and_a_shuffled_map_poor_ones(
     shapes: tuple[ShapeAnalysis, ShapeAnalysis],
 ) -> None:
     shape = shapes[0]
@@ -129,7 +129,7 @@ def test_an_isometry_keeps_everything_and_a_shuffled_map_keeps_little(
     assert abs(lost["handedness"]) < 0.3
 
 
-def test_orientation_is_a_matter_of_sign(shapes: tuple[ShapeAnalysis, ShapeAnalysis]) -> None:
+def test_orientation_agreement_is_negative_for_a_mirror_image(shapes: tuple[ShapeAnalysis, ShapeAnalysis]) -> None:
     shape = shapes[0]
     identity = np.arange(len(shape.search.samples))
     mirror = shape_of(Surface(shape.mesh.vertices * [-1, 1, 1], shape.mesh.oriented_triangles[:, ::-1]))
@@ -148,7 +148,7 @@ def test_a_map_onto_a_single_place_has_no_orientation(shapes: tuple[ShapeAnalysi
     assert orientation_agreement(np.zeros(len(shape.search.samples), dtype=int), flat, shape) == 0
 
 
-def test_the_target_fits_in_space_where_the_map_is_right_in_whatever_way_it_is_turned(
+def test_right_map_fits_in_space_at_any_rotation(
     shapes: tuple[ShapeAnalysis, ShapeAnalysis],
 ) -> None:
     shape = shapes[0]
@@ -163,7 +163,7 @@ def test_the_target_fits_in_space_where_the_map_is_right_in_whatever_way_it_is_t
     assert wrong["facing"] > 3 * right["facing"]
 
 
-def test_laying_a_target_over_the_source_makes_a_rough_map_better() -> None:
+def test_alignment_improves_a_rough_map() -> None:
     source, target = creature(500, seed=0), creature(480, seed=1, bend=0.4)
     shapes = shape_of(source.surface), shape_of(target.surface)
     truth = true_vertex(source, target)
@@ -192,7 +192,7 @@ def rough(shapes: tuple[ShapeAnalysis, ShapeAnalysis]) -> tuple[np.ndarray, np.n
     return truth, near[np.arange(len(near)), np.random.default_rng(0).integers(0, 8, len(near))]
 
 
-def test_images_are_smoothed_before_the_target_is_aligned_with_them_but_keep_their_limbs(shapes, rough) -> None:
+def test_alignment_smooths_images_by_a_moderate_width(shapes, rough) -> None:
     truth, sample_map = rough
     places = shapes[0].mesh.vertices
 
@@ -206,7 +206,7 @@ def test_images_are_smoothed_before_the_target_is_aligned_with_them_but_keep_the
             assert smoothed < 0.95 * off()
 
 
-def test_the_map_after_alignment_leads_to_vertices_between_the_samples_too(shapes, rough) -> None:
+def test_map_after_alignment_uses_vertices_between_samples(shapes, rough) -> None:
     truth, sample_map = rough
     source = shapes[0]
     vertex, _ = map_after_alignment(sample_map, None, False, *shapes)

@@ -99,7 +99,7 @@ def error_along(found: zo.SurfaceMap, number: int) -> float:
 
 @pytest.mark.slow(but=1)
 @pytest.mark.parametrize("permutation", [{4: 5}, {3: 2, 4: 3, 5: 4}, {2: 3, 3: 2}])
-def test_fingers_on_another_finger_are_matched_anew(pair: Pair, permutation: dict[int, int]) -> None:
+def test_swapped_fingers_are_rematched(pair: Pair, permutation: dict[int, int]) -> None:
     torn = send(permutation)
     assert wrong_fingers(torn) > 0.15
     found = repair(pair, torn)
@@ -109,7 +109,7 @@ def test_fingers_on_another_finger_are_matched_anew(pair: Pair, permutation: dic
     assert found.filled.any()
 
 
-def test_both_rounds_of_a_repair_share_what_they_need_of_the_meshes(pair: Pair, monkeypatch) -> None:
+def test_repair_rounds_share_their_mesh_computations(pair: Pair, monkeypatch) -> None:
     computed = []
     for name in ("surface_samples", "branches_of", "unique_edges"):
         function = getattr(repair_module, name)
@@ -120,7 +120,7 @@ def test_both_rounds_of_a_repair_share_what_they_need_of_the_meshes(pair: Pair, 
     assert sorted(computed) == ["branches_of", "surface_samples", "unique_edges"]
 
 
-def test_fingers_that_were_matched_anew_are_not_filled_in_from_their_bases(pair: Pair) -> None:
+def test_rematched_fingers_are_not_filled_in_from_their_bases(pair: Pair) -> None:
     wrong = send({2: 3, 3: 2})
     exchanged, bases = exchange_branches(pair, wrong, branches_of(pair))
     matched = (exchanged.triangle != wrong.triangle) & ~bases
@@ -131,7 +131,7 @@ def test_fingers_that_were_matched_anew_are_not_filled_in_from_their_bases(pair:
 
 
 @pytest.mark.slow
-def test_vertices_that_are_split_like_at_uv_seams_make_no_difference(pair: Pair) -> None:
+def test_split_vertices_do_not_affect_rematching(pair: Pair) -> None:
     torn = send({4: 5})
     corners = [surface.triangles.ravel() for surface in (pair.source, pair.target)]
     source, target = (
@@ -147,7 +147,7 @@ def test_vertices_that_are_split_like_at_uv_seams_make_no_difference(pair: Pair)
     assert (finger != image)[(finger > 0) & (image > 0)].mean() < 0.01
 
 
-def test_a_finger_of_which_a_patch_is_on_another_one_is_matched_anew(pair: Pair) -> None:
+def test_finger_with_a_misplaced_patch_is_rematched(pair: Pair) -> None:
     _, finger, along = hand(SPREAD)
     right, wrong = send({}), send({4: 5})
     patch = (finger == 4) & (np.abs(along - 0.7) < 0.06)
@@ -158,14 +158,14 @@ def test_a_finger_of_which_a_patch_is_on_another_one_is_matched_anew(pair: Pair)
     assert error_along(found, 4) < NEAR
 
 
-def test_a_right_map_is_left_alone_but_for_borders_of_branches(pair: Pair) -> None:
+def test_right_map_is_unchanged(pair: Pair) -> None:
     right = send({})
     found, unsettled = exchange_branches(pair, right, branches_of(pair))
     assert unsettled.mean() < 0.005
     assert (found.triangle == right.triangle).all()
 
 
-def test_long_branches_unclear_ones_and_exact_landmarks_are_left_alone(pair: Pair) -> None:
+def test_long_or_unclear_branches_and_exact_landmarks_are_kept(pair: Pair) -> None:
     given = send({4: 5})
     for change in ({"max_length": 0.01}, {"max_difference": 0.0}, {"max_siblings": 3}):
         with retune(BRANCHES, **change):
@@ -174,7 +174,7 @@ def test_long_branches_unclear_ones_and_exact_landmarks_are_left_alone(pair: Pai
     assert branches_of(replace(pair, exact_landmarks=exact)) is None
 
 
-def test_a_pairing_that_fits_about_as_well_as_another_is_kept() -> None:
+def test_pairing_is_kept_unless_another_fits_clearly_better() -> None:
     surface, finger, along = hand((15, 5, -5, -15), (0.6,) * 4)  # which looks the same from its other side
     shape = analyse(surface.working, 60, 300, 0)
     pair = Pair(surface, surface, shape, shape, 60, 5)

@@ -56,20 +56,20 @@ def elsewhere(shape: ShapeAnalysis, where: np.ndarray) -> SurfaceMap:
     return vertex_map(vertex, shape)
 
 
-def test_a_map_that_all_agree_on_is_trusted(shape: ShapeAnalysis) -> None:
+def test_exact_map_has_full_confidence(shape: ShapeAnalysis) -> None:
     confidence, over = confidence_of(identity(shape), identity(shape), np.eye(40), shape, shape, False, False)
     assert confidence.min() > 0.99
     assert over == 0
 
 
-def test_where_all_witnesses_speak_against_a_map_it_is_not_trusted(shape: ShapeAnalysis) -> None:
+def test_confidence_is_low_where_all_criteria_disagree(shape: ShapeAnalysis) -> None:
     there, back = elsewhere(shape, TAIL), identity(shape)
     confidence, _ = confidence_of(there, back, np.eye(40), shape, shape, False, False)
     assert confidence[TAIL].mean() < 0.3
     assert np.median(confidence[~TAIL]) > 0.8
 
 
-def test_a_map_tears_the_surface_around_a_part_that_it_sends_far_away(shape: ShapeAnalysis) -> None:
+def test_triangles_around_a_part_that_is_sent_far_away_are_torn(shape: ShapeAnalysis) -> None:
     assert torn_triangles(identity(shape), shape, shape) == 0
     triangles = shape.mesh.triangles
     at_border = TAIL[triangles].any(axis=1) & ~TAIL[triangles].all(axis=1)
@@ -79,7 +79,7 @@ def test_a_map_tears_the_surface_around_a_part_that_it_sends_far_away(shape: Sha
     assert torn_triangles(there, shape, shape) == pytest.approx(areas[at_border].sum() / areas.mean(), rel=1e-9)
 
 
-def test_one_witness_that_vouches_for_a_map_is_enough(shape: ShapeAnalysis) -> None:
+def test_one_agreeing_criterion_suffices_for_confidence(shape: ShapeAnalysis) -> None:
     # The way back is wrong, but the eigenfunctions at both ends agree.
     confidence, _ = confidence_of(identity(shape), elsewhere(shape, TAIL), np.eye(40), shape, shape, False, False)
     assert confidence[TAIL].mean() > 0.95
@@ -101,7 +101,7 @@ def test_one_witness_that_vouches_for_a_map_is_enough(shape: ShapeAnalysis) -> N
         (0.022, 0.5, 0.01, 0.7, 1.0),
     ],
 )
-def test_confidence_halves_where_a_fiftieth_of_the_size_is_the_expected_error(
+def test_confidence_halves_at_an_expected_error_of_a_fiftieth(
     shape: ShapeAnalysis,
     monkeypatch: pytest.MonkeyPatch,
     cycle: float,
@@ -128,7 +128,7 @@ def test_confidence_halves_where_a_fiftieth_of_the_size_is_the_expected_error(
     assert low <= np.median(confidence) <= high
 
 
-def test_a_map_distorts_its_surroundings_where_it_tears_and_everywhere_if_it_reflects(shape: ShapeAnalysis) -> None:
+def test_local_distortion_is_high_at_tears_and_for_reflections(shape: ShapeAnalysis) -> None:
     assert local_distortion(identity(shape), shape, shape, False).max() < 1e-9
     torn = local_distortion(elsewhere(shape, TAIL), shape, shape, False)
     distance = np.linalg.norm(shape.mesh.vertices[:, None] - shape.mesh.vertices[TAIL], axis=2).min(axis=1)
@@ -137,7 +137,7 @@ def test_a_map_distorts_its_surroundings_where_it_tears_and_everywhere_if_it_ref
     assert np.median(local_distortion(identity(shape), shape, shape, True)) > 0.1
 
 
-def test_what_lies_beside_an_error_is_doubted_too() -> None:
+def test_vertices_beside_an_error_have_less_confidence() -> None:
     # With all these functions nothing is smooth by itself.
     shape = analyse(MADE.surface.working.part(0)[0], 400, 400, 0)
     distance = np.linalg.norm(shape.mesh.vertices[:, None] - shape.mesh.vertices[TAIL], axis=2).min(axis=1)
@@ -147,7 +147,7 @@ def test_what_lies_beside_an_error_is_doubted_too() -> None:
     assert confidence[beside].mean() < 0.9
 
 
-def test_what_is_turned_over_is_not_trusted_whatever_the_witnesses_say(shape: ShapeAnalysis) -> None:
+def test_flipped_triangles_have_no_confidence(shape: ShapeAnalysis) -> None:
     confidence, over = confidence_of(identity(shape), identity(shape), np.eye(40), shape, shape, True, False)
     assert over == pytest.approx(1)
     assert confidence.max() < 0.01
@@ -161,7 +161,7 @@ def test_what_is_turned_over_is_not_trusted_whatever_the_witnesses_say(shape: Sh
     assert ((confidence > 0.05) & (confidence < 0.95)).any()  # by the flipped share around each vertex
 
 
-def test_what_leads_to_its_surroundings_and_not_back_has_no_partner(shape: ShapeAnalysis) -> None:
+def test_vertices_that_do_not_return_have_no_partner(shape: ShapeAnalysis) -> None:
     lost = partners_by_cycle(elsewhere(shape, TAIL), identity(shape), shape, shape)
     for has_partner in lost:
         assert shape.basis.areas[~has_partner].sum() == pytest.approx(shape.basis.areas[TAIL].sum(), rel=0.25)
@@ -169,7 +169,7 @@ def test_what_leads_to_its_surroundings_and_not_back_has_no_partner(shape: Shape
     assert np.concatenate(partners_by_cycle(identity(shape), identity(shape), shape, shape)).all()
 
 
-def test_what_fills_a_hole_of_the_other_shape_has_no_partner() -> None:
+def test_area_that_fills_a_hole_has_no_partner() -> None:
     whole = creature(1000, seed=0)
     inside = whole.directions @ [0, -1, 0] > 0.9
     holed = piece_of(whole, ~inside)
@@ -188,7 +188,7 @@ def test_what_fills_a_hole_of_the_other_shape_has_no_partner() -> None:
             assert partners_by_cycle(there, back, *shapes).source.all()
 
 
-def test_small_errors_do_not_make_a_place_lonely(shape: ShapeAnalysis) -> None:
+def test_small_errors_do_not_remove_partners(shape: ShapeAnalysis) -> None:
     distance = np.linalg.norm(shape.mesh.vertices[:, None] - shape.mesh.vertices, axis=2)
     np.fill_diagonal(distance, np.inf)
     beside = np.where(distance.min(axis=1) < 0.04, distance.argmin(axis=1), np.arange(len(distance)))
@@ -198,7 +198,7 @@ def test_small_errors_do_not_make_a_place_lonely(shape: ShapeAnalysis) -> None:
 
 
 @pytest.mark.parametrize("centre", [100, 140, 250])
-def test_few_vertices_far_astray_among_others_that_return_have_partners(shape: ShapeAnalysis, centre: int) -> None:
+def test_few_outliers_among_returning_vertices_have_partners(shape: ShapeAnalysis, centre: int) -> None:
     distance = np.linalg.norm(shape.mesh.vertices - shape.mesh.vertices[centre], axis=1)
     vertex = np.arange(len(distance))
     vertex[np.argsort(distance)[:3]] = np.argmax(distance)
@@ -208,14 +208,14 @@ def test_few_vertices_far_astray_among_others_that_return_have_partners(shape: S
         assert not partners_by_cycle(there, identity(shape), shape, shape).target[centre]
 
 
-def test_a_cycle_misses_by_the_distance_in_the_units_of_the_vertices(shape: ShapeAnalysis) -> None:
+def test_cycle_error_is_a_distance_in_the_unit_of_the_vertices(shape: ShapeAnalysis) -> None:
     back = shuffled(shape, TAIL)
     error = cycle_error(identity(shape), back, 10 * shape.mesh.vertices)
     moved = np.linalg.norm(shape.mesh.vertices - shape.mesh.vertices[back.vertex], axis=1)
     np.testing.assert_allclose(error, 10 * moved, atol=1e-9)
 
 
-def test_a_step_along_the_surface_changes_eigenfunctions_by_its_length(shape: ShapeAnalysis) -> None:
+def test_spectral_distance_of_a_small_step_is_its_length(shape: ShapeAnalysis) -> None:
     a, b = shape.mesh.triangles[:, 0], shape.mesh.triangles[:, 1]
     step = np.linalg.norm(shape.mesh.vertices[a] - shape.mesh.vertices[b], axis=1)
     rows, values = shape.basis.eigenvectors[:, :30], shape.basis.eigenvalues[:30]

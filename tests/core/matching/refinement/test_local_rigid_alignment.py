@@ -25,7 +25,7 @@ def shape() -> ShapeAnalysis:
     return analyse(mesh, 120, 400, 0)
 
 
-def aligned(images: np.ndarray, shape: ShapeAnalysis, mirrored: bool = False) -> np.ndarray:
+def align_positions(images: np.ndarray, shape: ShapeAnalysis, mirrored: bool = False) -> np.ndarray:
     return align(shape.basis.coefficients(images), shape, WIDTH, mirrored).positions
 
 
@@ -33,33 +33,33 @@ def distance(a: np.ndarray, b: np.ndarray) -> float:
     return float(np.linalg.norm(a - b, axis=1).mean())
 
 
-def test_a_turned_copy_is_aligned_with_itself(shape: ShapeAnalysis) -> None:
+def test_rotated_copy_is_aligned_with_itself(shape: ShapeAnalysis) -> None:
     turned = shape.mesh.vertices @ Rotation.from_euler("xyz", [0.5, 2.0, -1.0]).as_matrix().T
-    assert distance(aligned(turned, shape), turned) < 0.005
+    assert distance(align_positions(turned, shape), turned) < 0.005
 
 
-def test_a_mirrored_limb_is_aligned_with_its_own_sense(shape: ShapeAnalysis) -> None:
+def test_mirrored_limb_is_aligned_without_a_reflection(shape: ShapeAnalysis) -> None:
     vertices = shape.mesh.vertices
     arm = vertices[:, 0] > 0.6 * vertices[:, 0].max()
     images = vertices.copy()
     images[arm, 1] = 2 * vertices[arm, 1].mean() - vertices[arm, 1]  # exchanges front and back of the arm
     assert distance(images[arm], vertices[arm]) > 0.02
-    assert distance(aligned(images, shape)[arm], vertices[arm]) < 0.5 * distance(images[arm], vertices[arm])
+    assert distance(align_positions(images, shape)[arm], vertices[arm]) < 0.5 * distance(images[arm], vertices[arm])
 
 
-def test_maps_that_reverse_the_orientation_are_aligned_mirrored(shape: ShapeAnalysis) -> None:
+def test_orientation_reversing_maps_are_aligned_mirrored(shape: ShapeAnalysis) -> None:
     mirrored = shape.mesh.vertices * [1, -1, 1]
-    assert distance(aligned(mirrored, shape, mirrored=True), mirrored) < 0.005
-    assert distance(aligned(mirrored, shape, mirrored=False), mirrored) > 0.02
+    assert distance(align_positions(mirrored, shape, mirrored=True), mirrored) < 0.005
+    assert distance(align_positions(mirrored, shape, mirrored=False), mirrored) > 0.02
 
 
 @pytest.mark.slow
-def test_few_triangles_are_turned_over(resting: Creature, bent: Creature) -> None:
+def test_few_triangles_are_flipped(resting: Creature, bent: Creature) -> None:
     result = zo.match(resting.surface, bent.surface)
     assert flipped_share(result.surface_map, resting.surface, bent.surface) < 0.03
 
 
-def test_each_end_of_a_bent_rod_turns_as_it_does_and_not_as_the_other() -> None:
+def test_each_end_of_a_bent_rod_has_its_own_rotation() -> None:
     rod = shape_of(ball(0.1, radii=(5, 1, 0.6), count=350), functions=80)
     vertices, normals = rod.mesh.vertices, rod.mesh.vertex_normals
     along, turn = vertices[:, 0] / vertices[:, 0].max(), Rotation.from_rotvec([0, 0.3, 0.9])
@@ -72,7 +72,7 @@ def test_each_end_of_a_bent_rod_turns_as_it_does_and_not_as_the_other() -> None:
         assert np.median(off[np.abs(along) > far]) < most
 
 
-def test_a_limb_that_is_a_line_takes_the_turn_about_it_from_the_body() -> None:
+def test_line_like_limb_takes_its_axial_rotation_from_the_body() -> None:
     small = analyse(creature(500, seed=1).surface.working.part(0)[0], 60, 250, 0)
     here = small.basis.smoothed(small.mesh.vertices, WIDTH**2)[small.search.samples[: len(small.distances)]]
     there, limbs = here.copy(), np.zeros(len(here), dtype=bool)

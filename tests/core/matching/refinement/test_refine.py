@@ -53,28 +53,30 @@ class Rounds:
         monkeypatch.setattr(refinement, "_weight_factor", lambda *_: factor)
 
 
-def refined(shape: ShapeAnalysis, k_final: int = 40, step: int = 7, schedule: Schedule | None = SCHEDULE) -> np.ndarray:
+def refine_identity(
+    shape: ShapeAnalysis, k_final: int = 40, step: int = 7, schedule: Schedule | None = SCHEDULE
+) -> np.ndarray:
     return refine(shape, shape, np.eye(10), None, False, k_final, step, schedule)[1]
 
 
-def test_maps_grow_along_the_schedule_and_no_larger_than_asked_for(shape: ShapeAnalysis, monkeypatch) -> None:
+def test_maps_grow_along_the_schedule_up_to_k_final(shape: ShapeAnalysis, monkeypatch) -> None:
     rounds = Rounds(monkeypatch)
-    assert refined(shape).shape == (40, 40)
+    assert refine_identity(shape).shape == (40, 40)
     assert rounds.sizes == [10, 25, 40, 12, 19, 26, 33, 40, 40, 40]
     # Samples suffice while the map still grows.
     assert rounds.counts[:3] == [200, 200, 640]
     assert rounds.widths == [0.08, 0.05, *[0.04] * 8]
 
 
-def test_beyond_the_schedule_maps_grow_by_the_step(shape: ShapeAnalysis, monkeypatch) -> None:
+def test_maps_grow_by_the_step_beyond_the_schedule(shape: ShapeAnalysis, monkeypatch) -> None:
     rounds = Rounds(monkeypatch)
-    refined(shape, step=7, schedule=Schedule(((10, 0.08),), (12, 14)))
+    refine_identity(shape, step=7, schedule=Schedule(((10, 0.08),), (12, 14)))
     assert rounds.sizes == [10, 12, 14, 21, 28, 35]
 
 
-def test_the_usual_schedule_ends_narrower_than_it_begins(shape: ShapeAnalysis, monkeypatch) -> None:
+def test_default_schedule_ends_narrower_than_it_begins(shape: ShapeAnalysis, monkeypatch) -> None:
     rounds = Rounds(monkeypatch)
-    refined(shape, schedule=None)
+    refine_identity(shape, schedule=None)
     assert rounds.sizes[0] < rounds.sizes[-1] == 40
     assert rounds.widths[0] > rounds.widths[-1] > 0
     own, between = (
@@ -84,7 +86,7 @@ def test_the_usual_schedule_ends_narrower_than_it_begins(shape: ShapeAnalysis, m
     assert own < between
 
 
-def test_the_usual_step_goes_through_these_sizes() -> None:
+def test_default_step_goes_through_these_sizes() -> None:
     between, own = REFINEMENT.between_shapes, REFINEMENT.onto_itself
     assert between.settling_sizes(STEP, K_FINAL) == [30, 50, 70, 90, 120]
     assert own.settling_sizes(STEP, K_FINAL) == [90, 120]
@@ -113,29 +115,29 @@ def test_schedules_go_from_small_smooth_maps_to_large_ones(schedule: Schedule) -
     assert schedule.settling[0] >= sizes[0]
 
 
-def test_a_coarse_mesh_has_a_smaller_map_but_not_the_least(monkeypatch) -> None:
+def test_coarse_mesh_has_a_smaller_map_of_a_minimum_size(monkeypatch) -> None:
     coarse = analyse(creature(200).surface.working.part(0)[0], 60, 120, 0)
     Rounds(monkeypatch)
-    assert 20 <= len(refined(coarse, k_final=60)) < 60
+    assert 20 <= len(refine_identity(coarse, k_final=60)) < 60
     few = analyse(creature(200).surface.working.part(0)[0], 15, 120, 0)
-    assert refined(few, k_final=60).shape == (15, 15)
+    assert refine_identity(few, k_final=60).shape == (15, 15)
 
 
-def test_positions_weigh_less_once_the_map_settles_and_least_at_the_end(shape: ShapeAnalysis, monkeypatch) -> None:
+def test_positions_weigh_less_in_settling_and_least_at_the_end(shape: ShapeAnalysis, monkeypatch) -> None:
     rounds = Rounds(monkeypatch)
-    refined(shape)
+    refine_identity(shape)
     assert rounds.weights[:3] == [None] * 3
     settling = {weight for weight in rounds.weights if weight is not None}
     assert len(settling) == 1
     assert 1 > max(settling) > rounds.finishing > 0
 
 
-def test_of_nearly_isometric_shapes_positions_hardly_count_in_settling(shape: ShapeAnalysis, monkeypatch) -> None:
+def test_positions_hardly_count_for_nearly_isometric_shapes(shape: ShapeAnalysis, monkeypatch) -> None:
     found = []
     for factor in (1.0, 0.5, 2.0):
         monkeypatch.undo()
         rounds = Rounds(monkeypatch, factor)
-        refined(shape)
+        refine_identity(shape)
         found.append((rounds.weights[-1], rounds.finishing))
     (usual, usual_end), (alike, alike_end), (unlike, unlike_end) = found
     assert alike < 0.2 * usual
@@ -143,12 +145,12 @@ def test_of_nearly_isometric_shapes_positions_hardly_count_in_settling(shape: Sh
     np.testing.assert_allclose([alike_end, unlike_end], [0.5 * usual_end, 2 * usual_end])
 
 
-def test_positions_weigh_less_on_all_vertices_the_larger_the_map(shape: ShapeAnalysis, monkeypatch) -> None:
+def test_weight_of_positions_at_the_end_falls_with_the_map_size(shape: ShapeAnalysis, monkeypatch) -> None:
     rounds = Rounds(monkeypatch)
-    refined(shape)
+    refine_identity(shape)
     plain = rounds.finishing
     with retune(REFINEMENT, finishing_size=20):
-        refined(shape)
+        refine_identity(shape)
     assert rounds.finishing == pytest.approx(plain / 4)
 
 
@@ -163,7 +165,7 @@ def test_progress_rises_with_every_round(shape: ShapeAnalysis) -> None:
     assert len(set(fractions)) > 6
 
 
-def test_images_are_found_around_the_nearest_sample_of_any_mesh(shape: ShapeAnalysis) -> None:
+def test_nearest_vertices_are_found_near_samples_of_any_mesh(shape: ShapeAnalysis) -> None:
     tiny = analyse(creature(30).surface.working.part(0)[0], 10, 20, 0)
     for one in (tiny, shape):
         places = one.mesh.vertices

@@ -52,7 +52,7 @@ def misses(pair: Pair, found: zo.SurfaceMap, truth: zo.SurfaceMap, vertices: np.
     return np.linalg.norm(off[vertices], axis=1) / np.sqrt(pair.source.area)
 
 
-def test_a_patch_on_the_other_side_goes_back_to_its_own(pair, truth, resting, bent) -> None:
+def test_patch_mapped_to_the_other_side_is_repaired(pair, truth, resting, bent) -> None:
     # Limbs have too few vertices here, so the patch is on the side of the body.
     on_body = ~np.any([on_limb(bent, limb) for limb in range(len(LIMBS))], axis=0)
     patch = patch_around(pair, int(np.argmax(pair.target.vertices[:, 0] * on_body)), 0.06)
@@ -63,7 +63,7 @@ def test_a_patch_on_the_other_side_goes_back_to_its_own(pair, truth, resting, be
     assert found.filled[patch].all()
 
 
-def test_a_map_without_tears_stays_as_it_is(pair, truth) -> None:
+def test_map_without_tears_is_unchanged(pair, truth) -> None:
     found = repair(pair, truth)
     untouched = ~found.filled
     assert untouched.mean() > 0.97
@@ -71,14 +71,14 @@ def test_a_map_without_tears_stays_as_it_is(pair, truth) -> None:
     np.testing.assert_array_equal(found.surface_map.barycentric[untouched], truth.barycentric[untouched])
 
 
-def test_single_vertices_that_are_flung_far_off_are_filled_in(pair, truth) -> None:
+def test_single_outliers_are_filled_in(pair, truth) -> None:
     flung = np.arange(0, len(pair.target.vertices), 97)
     far = np.full(len(flung), int(np.argmax(pair.source.vertices[:, 2])))
     found = repair(pair, send(truth, flung, far, pair))
     assert misses(pair, found.surface_map, truth, flung).mean() < NEAR
 
 
-def test_filling_does_not_spread_along_the_long_edges_of_a_coarse_mesh() -> None:
+def test_filling_does_not_spread_along_long_edges() -> None:
     made = creature(300, seed=0).surface
     shape = analyse(made.working, 40, 200, 0)
     pair, identity = Pair(made, made, shape, shape, 40, 5), zo.SurfaceMap.from_vertices(np.arange(300), made)
@@ -101,7 +101,7 @@ def test_the_samples_compared_first_do_not_change_the_images(pair, truth, restin
     np.testing.assert_array_equal(found.surface_map.barycentric, expected.surface_map.barycentric)
 
 
-def test_a_large_patch_is_left_and_its_border_is_reported(pair, truth, resting, bent) -> None:
+def test_large_patch_is_left_unrepaired(pair, truth, resting, bent) -> None:
     # A repair cannot decide which of two halves is right.
     half = np.flatnonzero(pair.target.vertices[:, 0] > 0)
     torn = send(truth, half, mirrored_vertex(resting, bent)[half], pair)
@@ -137,7 +137,7 @@ def facing_plates() -> tuple[Pair, zo.SurfaceMap, np.ndarray]:
 
 @pytest.mark.slow(but=1)
 @pytest.mark.parametrize("steps", [20, 2])
-def test_a_part_that_tears_cut_off_is_connected_with_little(steps: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_part_cut_off_by_tears_has_a_small_connected_share(steps: int, monkeypatch: pytest.MonkeyPatch) -> None:
     pair, truth, u = facing_plates()
     n = len(np.unique(u))
     moved = np.flatnonzero((u > 0.29) & (u < 0.41))
@@ -165,7 +165,7 @@ def test_a_patch_at_a_tip_does_not_shrink_to_its_border() -> None:
     assert np.linalg.norm(off, axis=1).mean() < 0.25 * np.ptp(u[corner])
 
 
-def test_each_patch_takes_the_images_that_neither_stretch_nor_shrink_it(pair) -> None:
+def test_each_patch_takes_its_least_distorted_images(pair) -> None:
     places = pair.target.working.vertices
     edges, _ = unique_edges(pair.target.working.triangles)
     own = np.linalg.norm(places[edges[:, 0]] - places[edges[:, 1]], axis=1)
@@ -192,7 +192,7 @@ def test_a_jump_between_fine_edges_is_filled_in_round_by_round() -> None:
     assert not found.torn.any()
 
 
-def test_a_patch_on_the_surface_that_faces_it_is_found_by_geodesic_distance() -> None:
+def test_patch_on_the_facing_surface_is_detected_geodesically() -> None:
     pair, truth, u = facing_plates()
     places = pair.source.vertices
     patch = np.flatnonzero((np.abs(u - 0.2) < 0.03) & (np.abs(places[:, 1] - 0.15) < 0.03))

@@ -42,7 +42,7 @@ def at(shape: ShapeAnalysis, where: np.ndarray) -> np.ndarray:
     return where[QueryPoints.on(shape, 40).vertex]
 
 
-def test_a_partner_far_from_where_the_first_map_leads_does_not_draw(shape: ShapeAnalysis) -> None:
+def test_partner_far_from_the_initial_image_does_not_attract(shape: ShapeAnalysis) -> None:
     first = np.arange(len(TAIL))
     first[TAIL] = np.flatnonzero(MADE.directions[:, 1] < -0.9)[0]
     tail = at(shape, TAIL)
@@ -51,7 +51,7 @@ def test_a_partner_far_from_where_the_first_map_leads_does_not_draw(shape: Shape
     np.testing.assert_allclose(drawn[~tail], undisturbed[~tail])
 
 
-def test_a_leap_is_told_by_the_distance_along_the_surface(shape: ShapeAnalysis) -> None:
+def test_limit_is_a_distance_along_the_surface(shape: ShapeAnalysis) -> None:
     n = len(TAIL)
     pairs = np.random.default_rng(0).integers(0, n, (2, 2000))
     # By the triangle inequality, this is a lower bound of the geodesic distance.
@@ -63,20 +63,20 @@ def test_a_leap_is_told_by_the_distance_along_the_surface(shape: ShapeAnalysis) 
     assert not GeodesicLimit(np.arange(n), shape).exceeds_geodesic_limit(np.arange(n), np.arange(n)).any()
 
 
-def test_the_farther_off_a_partner_the_less_it_draws_but_a_little_always(shape: ShapeAnalysis) -> None:
+def test_attraction_falls_with_distance_but_never_vanishes(shape: ShapeAnalysis) -> None:
     near, off, far = (np.median(strengths(shape, off=off)) for off in (0.0, 0.03, 0.12))
     assert off < 0.6 * near
     assert 0 < far < 0.2 * near
 
 
-def test_what_faces_the_other_way_hardly_draws(shape: ShapeAnalysis) -> None:
+def test_partners_with_opposite_normals_hardly_attract(shape: ShapeAnalysis) -> None:
     against, along = strengths(shape, facing=-1.0), strengths(shape)
     assert np.median(against) < 0.1 * np.median(along)
     assert against.min() > 0
 
 
 @pytest.mark.parametrize("sliding", [0.01, 0.3])
-def test_a_place_may_slide_along_the_surface_and_is_drawn_across_it(shape: ShapeAnalysis, sliding: float) -> None:
+def test_sliding_reduces_the_attraction_along_the_surface(shape: ShapeAnalysis, sliding: float) -> None:
     n = len(TAIL)
     places = QueryPoints.on(shape, 40)
     normals = shape.mesh.vertex_normals
@@ -96,7 +96,7 @@ def test_a_place_may_slide_along_the_surface_and_is_drawn_across_it(shape: Shape
     np.testing.assert_allclose(ratio**2, sliding / (1 + sliding), rtol=1e-6)
 
 
-def test_places_look_both_ways(shape: ShapeAnalysis) -> None:
+def test_correspondences_are_searched_in_both_directions(shape: ShapeAnalysis) -> None:
     # The target lacks the source's tail: source places there attract the nearest target vertices.
     n = len(TAIL)
     places = QueryPoints.on(shape, 40)
@@ -115,7 +115,7 @@ def test_places_look_both_ways(shape: ShapeAnalysis) -> None:
     assert back[:, 1].max() > 0.05
 
 
-def test_there_are_more_places_for_more_nodes_and_together_they_stand_for_the_surface(shape: ShapeAnalysis) -> None:
+def test_query_points_grow_with_the_nodes_and_cover_the_area(shape: ShapeAnalysis) -> None:
     few, many = QueryPoints.on(shape, 5), QueryPoints.on(shape, 20)
     assert 5 < len(few.vertex) < len(many.vertex)
     for places in (few, many):
@@ -136,7 +136,7 @@ def middle_of(shape: ShapeAnalysis) -> np.ndarray:
     return np.asarray(np.linalg.norm(shape.mesh.vertices, axis=1) < 0.25)
 
 
-def test_the_closest_point_is_on_the_side_that_faces_alike(leaf: ShapeAnalysis) -> None:
+def test_closest_point_has_a_similar_normal(leaf: ShapeAnalysis) -> None:
     vertices, normals = leaf.mesh.vertices, leaf.mesh.vertex_normals
     inner = middle_of(leaf)
     # Beyond the other side.
@@ -147,7 +147,7 @@ def test_the_closest_point_is_on_the_side_that_faces_alike(leaf: ShapeAnalysis) 
         assert same.mean() > 0.95 if sense > 0 else same.mean() < 0.05
 
 
-def test_places_of_both_shapes_look_for_the_side_that_faces_alike(leaf: ShapeAnalysis) -> None:
+def test_partners_on_both_shapes_have_similar_normals(leaf: ShapeAnalysis) -> None:
     vertices, normals = leaf.mesh.vertices, leaf.mesh.vertex_normals
     places = QueryPoints.on(leaf, 40)
     limit = GeodesicLimit(np.arange(len(vertices)), leaf)
@@ -161,7 +161,7 @@ def test_places_of_both_shapes_look_for_the_side_that_faces_alike(leaf: ShapeAna
         assert same[inner[both]].mean() > 0.95
 
 
-def test_weights_stand_for_areas_of_both_shapes(leaf: ShapeAnalysis) -> None:
+def test_weights_are_proportional_to_areas_of_both_shapes(leaf: ShapeAnalysis) -> None:
     n = len(leaf.mesh.vertices)
     here, there = QueryPoints.on(leaf, 10), QueryPoints.on(leaf, 20)
     limit = GeodesicLimit(np.arange(n), leaf)
@@ -174,7 +174,7 @@ def test_weights_stand_for_areas_of_both_shapes(leaf: ShapeAnalysis) -> None:
     )
 
 
-def test_the_root_of_a_weight_falls_with_the_square_of_the_distance(leaf: ShapeAnalysis) -> None:
+def test_root_of_a_weight_falls_with_the_squared_distance(leaf: ShapeAnalysis) -> None:
     inner = at(leaf, middle_of(leaf))
     near, *others = (strengths(leaf, off=off)[inner] for off in (0.0, 0.01, 0.02, 0.04))
     fallen = [float(np.median(near / other - 1)) for other in others]

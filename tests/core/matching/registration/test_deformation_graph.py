@@ -46,7 +46,7 @@ def step(bending: DeformationGraph, vertex: np.ndarray, residual: np.ndarray, ap
     return bending.step(vertex, residual, np.tile(np.eye(3), (len(vertex), 1, 1)), STIFFNESS, approaching)
 
 
-def turn_asked_for(bending: DeformationGraph, node: int, angle: float) -> tuple[np.ndarray, np.ndarray]:
+def requested_turn(bending: DeformationGraph, node: int, angle: float) -> tuple[np.ndarray, np.ndarray]:
     """The vertices around a node, and residuals that request a rotation about the row's axis."""
     count = len(bending.nodes.vertex)
     vertex = count + 4 * node + np.arange(4)
@@ -54,7 +54,7 @@ def turn_asked_for(bending: DeformationGraph, node: int, angle: float) -> tuple[
     return vertex, Rotation.from_rotvec([angle, 0, 0]).apply(offset) - offset
 
 
-def test_a_node_goes_with_the_neighbour_that_is_where_it_should_be_and_not_with_a_torn_one() -> None:
+def test_node_follows_the_consistent_neighbour_not_the_torn_one() -> None:
     bending = chain(3)
     bending.images[2] += [0, 0.2, 0]  # a joint that has bent
     before = bending.images.copy()
@@ -73,7 +73,7 @@ def test_the_nodes_of_a_stiff_row_move_together() -> None:
     np.testing.assert_allclose(bending.images - chain(4).images, 0.01, atol=1e-3)
 
 
-def test_a_node_that_nothing_speaks_of_stays_and_the_others_move() -> None:
+def test_node_without_correspondences_stays() -> None:
     places = np.array([[0.0, 0, 0], [1, 0, 0], [9, 0, 0], [0.5, 0.5, 0], [0.5, 0, 0.5], [9, 1, 0]])
     nodes = Nodes(
         vertex=np.arange(3),
@@ -93,7 +93,7 @@ def test_a_node_that_nothing_speaks_of_stays_and_the_others_move() -> None:
     np.testing.assert_allclose(positions[[2, 5]], places[[2, 5]], atol=1e-6)
 
 
-def test_a_row_that_is_held_at_one_end_alone_moves_as_a_whole() -> None:
+def test_row_fixed_at_one_end_moves_as_a_whole() -> None:
     # Rotations about the fixed end are free.
     bending = chain(40)
     step(bending, np.array([0]), np.full((1, 3), 0.01))
@@ -102,16 +102,16 @@ def test_a_row_that_is_held_at_one_end_alone_moves_as_a_whole() -> None:
     assert np.abs(bending.images - chain(40).images).max() < 0.02
 
 
-def test_what_turns_about_a_limb_takes_its_neighbour_along() -> None:
+def test_rotation_about_a_limb_carries_the_neighbour_along() -> None:
     bending = chain(2)
-    step(bending, *turn_asked_for(bending, 0, 0.05))
+    step(bending, *requested_turn(bending, 0, 0.05))
     angles = Rotation.from_matrix(bending.rotations).as_rotvec()[:, 0]
     assert angles[0] == pytest.approx(0.05, rel=0.3)
     assert angles[1] > 0.5 * angles[0]
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
-def test_nodes_that_are_turned_differently_come_to_agree(axis: int) -> None:
+def test_differently_rotated_nodes_come_to_agree(axis: int) -> None:
     bending = chain(2)
     turn = np.zeros(3)
     turn[axis] = 0.2
@@ -132,7 +132,7 @@ def test_nodes_that_are_twisted_about_their_row_come_to_agree(axis: int) -> None
     assert np.linalg.norm(Rotation.from_matrix(bending.rotations[1]).as_rotvec()) < 0.05
 
 
-def test_steps_towards_closest_points_are_longer_and_go_on() -> None:
+def test_steps_towards_closest_points_are_longer_and_continue() -> None:
     plain, hurried = chain(2), chain(2)
     shift = np.tile([0.01, 0, 0], (2, 1))
     reported = [
@@ -146,7 +146,7 @@ def test_steps_towards_closest_points_are_longer_and_go_on() -> None:
     assert (hurried.images - before)[:, 0].mean() > 0.001
 
 
-def test_a_motion_of_the_whole_is_read_off_images_exactly(shape: ShapeAnalysis) -> None:
+def test_rigid_motion_is_recovered_exactly_from_images(shape: ShapeAnalysis) -> None:
     rest, normals = shape.mesh.vertices, shape.mesh.vertex_normals
     turn, shift = Rotation.from_rotvec([0.4, -1.0, 2.0]).as_matrix(), np.array([0.3, 0.2, 0.1])
     bending = DeformationGraph.from_images(Nodes.on(shape, 40), rest, normals, rest @ turn.T + shift, shape.basis.areas)
@@ -156,7 +156,7 @@ def test_a_motion_of_the_whole_is_read_off_images_exactly(shape: ShapeAnalysis) 
     np.testing.assert_allclose(turned, normals @ turn.T, atol=1e-9)
 
 
-def test_what_is_read_off_images_may_be_stepped_at_once(shape: ShapeAnalysis) -> None:
+def test_graph_from_images_can_be_stepped_at_once(shape: ShapeAnalysis) -> None:
     rest = shape.mesh.vertices
     bending = DeformationGraph.from_images(
         Nodes.on(shape, 20), rest, shape.mesh.vertex_normals, rest, shape.basis.areas
@@ -167,7 +167,7 @@ def test_what_is_read_off_images_may_be_stepped_at_once(shape: ShapeAnalysis) ->
     assert bending.stride[:, 3:].min() > 0.005
 
 
-def test_a_vertex_as_far_from_all_nodes_moves_with_all_alike() -> None:
+def test_equidistant_vertex_has_equal_weights() -> None:
     corners = 1.0 - np.eye(7)
     distances = np.column_stack([corners, np.full(7, 0.5)])
     target: Any = SimpleNamespace(
@@ -180,7 +180,7 @@ def test_a_vertex_as_far_from_all_nodes_moves_with_all_alike() -> None:
     assert (nodes.weight[np.arange(7), 0] > 0.99).all()
 
 
-def test_neighbours_have_a_say_in_a_turn_that_a_few_places_tell(shape: ShapeAnalysis) -> None:
+def test_neighbours_stabilise_the_rotation_of_a_node(shape: ShapeAnalysis) -> None:
     rest = shape.mesh.vertices
     nodes = Nodes.on(shape, 40)
     images = rest.copy()
@@ -191,7 +191,7 @@ def test_neighbours_have_a_say_in_a_turn_that_a_few_places_tell(shape: ShapeAnal
     assert np.trace(bending.rotations[7]) > 1.5
 
 
-def test_each_vertex_moves_with_several_nodes_the_nearest_first(shape: ShapeAnalysis) -> None:
+def test_vertices_move_with_several_nodes_nearest_first(shape: ShapeAnalysis) -> None:
     nodes = Nodes.on(shape, 40)
     assert nodes.near.shape[1] >= 3
     np.testing.assert_allclose(nodes.weight.sum(axis=1), 1)

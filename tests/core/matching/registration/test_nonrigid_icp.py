@@ -50,7 +50,7 @@ def errors(surface_map: SurfaceMap, source: Creature, target: Creature) -> Float
 
 @pytest.mark.slow(but=1)
 @pytest.mark.parametrize("bend", [0.0, 0.9])
-def test_a_fit_is_several_times_as_exact_as_the_map_that_it_begins_with(bend: float) -> None:
+def test_fit_is_several_times_as_accurate_as_the_initial_map(bend: float) -> None:
     source, target = creature(1500, seed=0), creature(1300, seed=1, bend=bend)
     shapes = blurred_truth(source, target)
     before, after = shapes[2], fit_nonrigid(shapes[2], shapes[0], shapes[1], False).surface_map
@@ -83,7 +83,7 @@ def onto(shape: ShapeAnalysis, vertex: np.ndarray) -> SurfaceMap:
     return SurfaceMap(found.triangle, found.barycentric, shape.mesh.triangles)
 
 
-def test_a_fit_is_astray_where_eigenfunctions_speak_against_it_and_for_the_first_map(small) -> None:
+def test_fit_is_astray_where_eigenfunctions_prefer_the_initial_map(small) -> None:
     source, target, first = small
     truth = true_vertex(*SMALL)
     tail = SMALL[1].directions[:, 1] > 0.8
@@ -98,7 +98,7 @@ def test_a_fit_is_astray_where_eigenfunctions_speak_against_it_and_for_the_first
     assert _astray(lost, first, source, target)[tail].mean() > 0.9
 
 
-def test_a_fit_that_is_a_little_off_an_exact_map_is_not_astray(small) -> None:
+def test_fit_slightly_off_an_exact_map_is_not_astray(small) -> None:
     shape = small[0]
     n = len(shape.mesh.vertices)
     exact = onto(shape, np.arange(n))
@@ -109,7 +109,7 @@ def test_a_fit_that_is_a_little_off_an_exact_map_is_not_astray(small) -> None:
     assert _astray(beside, exact, shape, shape).mean() < 0.05
 
 
-def test_a_coarse_creature_that_bends_is_laid_five_times_as_exactly_as_by_the_first_map(small) -> None:
+def test_coarse_bent_creature_is_fitted_five_times_as_accurately(small) -> None:
     fit = fit_nonrigid(small[2], small[0], small[1], False)
     off = errors(fit.surface_map, *SMALL)
     assert np.median(off) < np.median(errors(small[2], *SMALL)) / 5
@@ -117,7 +117,7 @@ def test_a_coarse_creature_that_bends_is_laid_five_times_as_exactly_as_by_the_fi
     assert fit.fits.mean() > 0.97
 
 
-def test_where_the_fit_goes_astray_the_first_map_stands(small, monkeypatch) -> None:
+def test_initial_map_is_kept_where_the_fit_is_astray(small, monkeypatch) -> None:
     source, target, first = small
     tail = SMALL[1].directions[:, 1] > 0.8
     whole = fit_nonrigid(first, source, target, False)
@@ -132,7 +132,7 @@ def test_where_the_fit_goes_astray_the_first_map_stands(small, monkeypatch) -> N
     assert (fit.surface_map.triangle[tail] != whole.surface_map.triangle[tail]).any()
 
 
-def test_what_the_first_map_takes_elsewhere_does_not_fit_where_it_came_to_lie(small) -> None:
+def test_vertices_that_contradict_the_initial_map_do_not_fit(small) -> None:
     shape = small[0]
     tail = SMALL[0].directions[:, 1] > 0.85
     vertex = np.arange(len(tail))
@@ -144,7 +144,7 @@ def test_what_the_first_map_takes_elsewhere_does_not_fit_where_it_came_to_lie(sm
     assert not fit.fits[back_in_place].any()
 
 
-def test_what_comes_to_lie_on_a_side_that_faces_the_other_way_does_not_fit(small, monkeypatch) -> None:
+def test_vertices_on_a_side_of_opposite_normals_do_not_fit(small, monkeypatch) -> None:
     shape = small[0]
     tail = SMALL[0].directions[:, 1] > 0.9
     found = Surroundings.closest
@@ -163,7 +163,7 @@ def test_what_comes_to_lie_on_a_side_that_faces_the_other_way_does_not_fit(small
 
 
 @pytest.mark.parametrize(("angle", "taken"), [(0.05, True), (0.25, False)])
-def test_a_vertex_is_not_brought_to_what_is_far_from_where_its_stand_in_leads(angle: float, taken: bool) -> None:
+def test_lift_rejects_points_far_from_the_image_of_the_proxy(angle: float, taken: bool) -> None:
     part = ball(0.3, count=300).working
     proxy = Proxy(part, part, part.vertices, np.arange(300))
     slid = Rotation.from_rotvec([0, 0, angle]).apply(part.vertices)
@@ -175,7 +175,7 @@ def test_a_vertex_is_not_brought_to_what_is_far_from_where_its_stand_in_leads(an
     np.testing.assert_allclose(found[part.vertices[:, 2] < -0.1], part.vertices[part.vertices[:, 2] < -0.1], atol=1e-9)
 
 
-def test_goals_that_one_motion_tells_are_lifted_exactly() -> None:
+def test_goals_of_one_rigid_motion_are_lifted_exactly() -> None:
     part = ball(0.3, radii=(1, 0.8, 0.6), count=600).working
     proxy = Proxy(part, part, part.vertices, np.arange(600))
     rough = part.vertices + np.random.default_rng(0).normal(scale=1.5e-3, size=part.vertices.shape)
@@ -192,7 +192,7 @@ def test_goals_that_one_motion_tells_are_lifted_exactly() -> None:
 
 
 @pytest.mark.parametrize("mirrored", [False, True])
-def test_a_turned_or_mirrored_copy_is_laid_on_its_like(small, mirrored: bool) -> None:
+def test_rotated_or_mirrored_copy_is_registered(small, mirrored: bool) -> None:
     source = small[0]
     made = SMALL[0].surface
     sense = np.array([-1.0 if mirrored else 1.0, 1, 1])
@@ -212,7 +212,7 @@ def test_a_turned_or_mirrored_copy_is_laid_on_its_like(small, mirrored: bool) ->
     assert np.median(np.abs(off).max(axis=(1, 2))) < 0.05
 
 
-def test_details_of_fine_meshes_move_along_with_their_stand_ins() -> None:
+def test_details_of_fine_meshes_move_with_their_proxies() -> None:
     smooth = creature(9000).surface
     bumps = 1 + 0.03 * np.random.default_rng(0).random((len(smooth.vertices), 1))
     made = Creature(Surface(smooth.vertices * bumps, smooth.triangles), np.empty((0, 3)))
@@ -246,7 +246,7 @@ def test_the_same_shape_elsewhere_is_matched_exactly() -> None:
 
 
 @pytest.mark.slow
-def test_another_mesh_that_stands_where_the_source_does_takes_the_nearest_points() -> None:
+def test_remeshed_copy_in_place_takes_the_nearest_points() -> None:
     source, target = creature(6000, seed=0).surface, creature(5500, seed=1).surface
     result = zo.match(source, target)
     nearest = SurfaceMap(*closest_points(target.vertices, source.vertices, source.triangles), source.triangles)
@@ -255,7 +255,7 @@ def test_another_mesh_that_stands_where_the_source_does_takes_the_nearest_points
 
 
 @pytest.mark.slow
-def test_another_mesh_a_little_beside_the_source_is_matched_as_it_lies_and_not_as_it_stands() -> None:
+def test_slightly_moved_remeshed_copy_is_matched_by_its_shape() -> None:
     source, target = creature(6000, seed=0).surface, creature(5500, seed=1).surface
     size = np.sqrt(source.area)
     beside = target.with_vertices(target.vertices + np.array([0, 0.003, 0]) * size)

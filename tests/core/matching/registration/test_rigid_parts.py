@@ -34,7 +34,7 @@ def shape(made: Creature) -> ShapeAnalysis:
     return shape_of(made)
 
 
-def still(
+def find_unmoved(
     source: ShapeAnalysis, target: ShapeAnalysis, vertex: np.ndarray, turn: np.ndarray = TURN
 ) -> tuple[np.ndarray, np.ndarray]:
     """Which vertices of a rotated target moved only rigidly, and their positions."""
@@ -46,24 +46,24 @@ def still(
     return rigid_vertices(first, rest, normals, Surroundings.of(source), GeodesicLimit(first.vertex, source), target)
 
 
-def test_a_turned_copy_has_not_moved(shape: ShapeAnalysis) -> None:
-    everywhere, placed = still(shape, shape, np.arange(len(shape.mesh.vertices)))
+def test_rotated_copy_counts_as_unmoved(shape: ShapeAnalysis) -> None:
+    everywhere, placed = find_unmoved(shape, shape, np.arange(len(shape.mesh.vertices)))
     assert everywhere.all()
     np.testing.assert_allclose(placed, shape.mesh.vertices, atol=1e-3)
 
 
-def test_a_rough_map_is_enough_to_tell(shape: ShapeAnalysis) -> None:
+def test_rough_map_suffices_to_find_unmoved_vertices(shape: ShapeAnalysis) -> None:
     vertices = shape.mesh.vertices
     noise = np.random.default_rng(0).normal(scale=0.03, size=vertices.shape)
     rough = np.linalg.norm((vertices + noise)[:, None] - vertices, axis=2).argmin(axis=1)
-    everywhere, placed = still(shape, shape, rough)
+    everywhere, placed = find_unmoved(shape, shape, rough)
     assert everywhere.mean() > 0.95
     assert np.median(np.linalg.norm(placed - vertices, axis=1)) < 2e-3
 
 
 def test_a_limb_that_bends_has_moved_and_the_body_has_not(made: Creature, shape: ShapeAnalysis) -> None:
     source = shape_of(creature(1000, seed=1, bend=0.9))
-    where, _ = still(source, shape, true_vertex(creature(1000, seed=1, bend=0.9), made), np.eye(3))
+    where, _ = find_unmoved(source, shape, true_vertex(creature(1000, seed=1, bend=0.9), made), np.eye(3))
     arms = np.abs(made.surface.working.vertices[:, 0]) > 0.8 * np.abs(made.surface.working.vertices[:, 0]).max()
     body = np.abs(made.directions[:, 2]) < 0.3
     body &= (np.abs(made.directions[:, 0]) < 0.8) & (np.abs(made.directions[:, 1]) < 0.8)
@@ -71,23 +71,21 @@ def test_a_limb_that_bends_has_moved_and_the_body_has_not(made: Creature, shape:
     assert where[body].mean() > 0.5
 
 
-def test_what_the_first_map_takes_elsewhere_is_not_called_unmoved(made: Creature, shape: ShapeAnalysis) -> None:
+def test_vertices_mapped_elsewhere_do_not_count_as_unmoved(made: Creature, shape: ShapeAnalysis) -> None:
     tail = made.directions[:, 1] > 0.85
     vertex = np.arange(len(tail))
     vertex[tail] = np.flatnonzero(made.directions[:, 1] < -0.95)[0]
-    where, _ = still(shape, shape, vertex, np.eye(3))
+    where, _ = find_unmoved(shape, shape, vertex, np.eye(3))
     assert not where[made.directions[:, 1] > 0.9].any()
     assert where[made.directions[:, 1] < 0.7].mean() > 0.9
 
 
 @pytest.mark.parametrize("centre", [60, 120, 240])
-def test_few_vertices_that_the_first_map_takes_elsewhere_go_with_their_surroundings(
-    shape: ShapeAnalysis, centre: int
-) -> None:
+def test_few_outliers_follow_their_unmoved_surroundings(shape: ShapeAnalysis, centre: int) -> None:
     distance = np.linalg.norm(shape.mesh.vertices - shape.mesh.vertices[centre], axis=1)
     vertex = np.arange(len(distance))
     vertex[np.argsort(distance)[:6]] = np.argmax(distance)
-    assert still(shape, shape, vertex, np.eye(3))[0].all()
+    assert find_unmoved(shape, shape, vertex, np.eye(3))[0].all()
 
 
 # --- full meshes ----------------------------------------------------------------------------------------------
@@ -99,7 +97,7 @@ def full() -> Proxy:
     return Proxy(part, part, part.vertices, np.arange(len(part.vertices)))
 
 
-def settled(full: Proxy, goal: np.ndarray, fits: np.ndarray | None = None, in_space: np.ndarray | None = None):
+def settle_goals(full: Proxy, goal: np.ndarray, fits: np.ndarray | None = None, in_space: np.ndarray | None = None):
     """Settle goals of a smaller, rotated copy; return them and their tolerated distance from the source."""
     vertices = full.full.vertices
     fits = np.ones(len(vertices), dtype=bool) if fits is None else fits
@@ -111,18 +109,18 @@ def rough(full: Proxy) -> np.ndarray:
     return full.full.vertices + np.random.default_rng(0).normal(scale=1.5e-3, size=full.full.vertices.shape)
 
 
-def test_goals_that_a_similarity_tells_are_made_exact(full: Proxy) -> None:
-    found, nearness = settled(full, rough(full))
+def test_goals_of_a_similarity_become_exact(full: Proxy) -> None:
+    found, nearness = settle_goals(full, rough(full))
     assert np.abs(found - full.full.vertices).max() < 1e-4
     assert nearness > 1e-3
 
 
-def test_goals_that_no_similarity_tells_stay(full: Proxy) -> None:
+def test_goals_without_a_similarity_stay(full: Proxy) -> None:
     shrunk = rough(full) * [1.0, 1.0, 0.7]
-    np.testing.assert_array_equal(settled(full, shrunk)[0], shrunk)
+    np.testing.assert_array_equal(settle_goals(full, shrunk)[0], shrunk)
 
 
-def test_a_motion_that_does_not_end_on_the_source_is_not_taken(full: Proxy) -> None:
+def test_motion_that_misses_the_source_is_rejected(full: Proxy) -> None:
     # Vertices lie alternately above and below the source, so no rigid motion fits.
     side = np.where(np.arange(len(full.full.vertices)) % 2, 1, -1)[:, None]
     apart = full.full.vertices + 2e-3 * side * full.full.vertex_normals
@@ -130,17 +128,17 @@ def test_a_motion_that_does_not_end_on_the_source_is_not_taken(full: Proxy) -> N
     np.testing.assert_array_equal(found, apart)
 
 
-def test_few_reliable_goals_tell_no_motion(full: Proxy) -> None:
+def test_few_reliable_goals_do_not_determine_a_motion(full: Proxy) -> None:
     goal = rough(full)
     fits = np.arange(len(goal)) < 300
-    np.testing.assert_array_equal(settled(full, goal, fits)[0], goal)
+    np.testing.assert_array_equal(settle_goals(full, goal, fits)[0], goal)
 
 
-def test_meshes_that_stand_where_they_should_stay_there_to_the_bit(full: Proxy) -> None:
+def test_meshes_already_in_place_stay_there_exactly(full: Proxy) -> None:
     in_space = full.full.vertices.copy()
-    np.testing.assert_array_equal(settled(full, rough(full), in_space=in_space)[0], in_space)
+    np.testing.assert_array_equal(settle_goals(full, rough(full), in_space=in_space)[0], in_space)
     beside = in_space + 2e-3
-    found, _ = settled(full, rough(full), in_space=beside)
+    found, _ = settle_goals(full, rough(full), in_space=beside)
     assert np.abs(found - in_space).max() < 1e-4
 
 
@@ -148,28 +146,28 @@ def test_a_limb_that_has_moved_keeps_its_goals(full: Proxy) -> None:
     goal, limb = rough(full), creature(1500).directions[:, 2] < -0.5
     assert 0.15 < limb.mean() < 0.4
     goal[limb] += [0, 0.1, 0]
-    found, _ = settled(full, goal)
+    found, _ = settle_goals(full, goal)
     np.testing.assert_array_equal(found[limb], goal[limb])
     assert np.abs(found - full.full.vertices)[~limb].max() < 1e-4
 
 
-def test_goals_that_are_wrong_each_in_its_own_way_do_not_disturb_the_others(full: Proxy) -> None:
+def test_scattered_wrong_goals_do_not_disturb_the_others(full: Proxy) -> None:
     goal, random = rough(full), np.random.default_rng(2)
     wrong = random.random(len(goal)) < 0.3
     goal[wrong] += random.normal(scale=0.1, size=(wrong.sum(), 3))
-    found, _ = settled(full, goal)
+    found, _ = settle_goals(full, goal)
     assert np.abs(found - full.full.vertices)[~wrong].max() < 1e-4
 
 
-def test_a_few_goals_beside_all_others_were_wrong(full: Proxy) -> None:
+def test_few_deviating_goals_are_corrected(full: Proxy) -> None:
     goal, few = rough(full), np.zeros(len(full.full.vertices), dtype=bool)
     few[::25] = True
     goal[few] += [0, 0.1, 0]
-    found, _ = settled(full, goal)
+    found, _ = settle_goals(full, goal)
     assert np.abs(found - full.full.vertices).max() < 1e-4
 
 
-def test_a_few_vertices_that_the_motion_takes_beside_the_source_keep_their_goals(full: Proxy) -> None:
+def test_few_vertices_that_the_motion_misplaces_keep_their_goals(full: Proxy) -> None:
     points, few = full.full.vertices.copy(), np.zeros(len(full.full.vertices), dtype=bool)
     few[::25] = True
     points[few] += 0.04 * full.full.vertex_normals[few]
@@ -187,9 +185,7 @@ def plum() -> Proxy:
 
 
 @pytest.mark.parametrize(("size", "stays"), [(0.999, True), (0.9992, True), (0.9997, False), (1.001, False)])
-def test_another_mesh_of_the_surface_stays_where_it_stands_if_it_lies_there_as_well(
-    plum: Proxy, size: float, stays: bool
-) -> None:
+def test_remeshed_copy_stays_in_place_if_it_fits_as_well(plum: Proxy, size: float, stays: bool) -> None:
     # Vertices of a convex surface are above another mesh's triangles; at 0.999 of the size they are on them.
     other = ball(0.3, radii=(1, 0.8, 0.6), count=1900, seed=1).working
     in_space = size * plum.full.from_surface(other.to_surface(other.vertices))
@@ -201,7 +197,7 @@ def test_another_mesh_of_the_surface_stays_where_it_stands_if_it_lies_there_as_w
 
 
 @pytest.mark.slow
-def test_nothing_jumps_when_one_of_two_surfaces_is_moved_away(plum: Proxy) -> None:
+def test_goals_change_continuously_as_a_surface_moves_away(plum: Proxy) -> None:
     other = ball(0.3, radii=(1, 0.8, 0.6), count=1900, seed=1).working
     at = plum.full.from_surface(other.to_surface(other.vertices))
     goal = at + np.random.default_rng(0).normal(scale=1e-3, size=at.shape)

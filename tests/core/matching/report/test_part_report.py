@@ -35,7 +35,7 @@ def parts_of(source: zo.Surface) -> NamedParts:
     return name_parts(source, materials=NAMES, material_of=material_of(source))
 
 
-def mapped(source: zo.Surface, triangle: Integers, uncertain: tuple[int, ...] = ()) -> Any:
+def make_match(source: zo.Surface, triangle: Integers, uncertain: tuple[int, ...] = ()) -> Any:
     """A match of the body's vertices with the first corners of triangles."""
     target = ball(1.0)
     barycentric = np.tile([1.0, 0, 0], (len(triangle), 1))
@@ -48,11 +48,11 @@ def mapped(source: zo.Surface, triangle: Integers, uncertain: tuple[int, ...] = 
     )
 
 
-def test_shares_follow_the_faces_that_the_map_uses_instead_of_the_name_of_their_component() -> None:
+def test_shares_follow_the_faces_used_not_component_names() -> None:
     source = body_and_hat()
     parts = parts_of(source)
     shirt = np.flatnonzero(material_of(source) == 1)[:1]
-    result = mapped(source, np.repeat(shirt, len(ball(1.0).vertices)))
+    result = make_match(source, np.repeat(shirt, len(ball(1.0).vertices)))
     figures = {each["part"]: each for each in part_figures(result, parts)}
     np.testing.assert_allclose(figures["Shirt"]["arrived"], 1)
     assert figures["Skin"]["arrived"] == figures["Hat"]["arrived"] == 0
@@ -72,13 +72,13 @@ def test_all_parts_of_a_right_map_are_listed_without_a_warning() -> None:
     source = body_and_hat()
     count = len(ball(1.0).vertices)
     triangle = np.linspace(0, len(source.triangles) - 1, count).astype(int)
-    (shares,) = notes_on_parts(mapped(source, triangle), parts_of(source))
+    (shares,) = notes_on_parts(make_match(source, triangle), parts_of(source))
     assert all(f"'{name}' " in shares for name in NAMES)
     # The verdict doubts a loose part, although its material arrives elsewhere.
     material = material_of(source)
     material[material == 2] = 0
     doubtful = notes_on_parts(
-        mapped(source, triangle[triangle < len(source.triangles) // 2].repeat(2)[:count], (1,)),
+        make_match(source, triangle[triangle < len(source.triangles) // 2].repeat(2)[:count], (1,)),
         name_parts(source, materials=NAMES, material_of=material),
     )
     assert doubtful[1:] == ("The target receives little reliable data from loose parts of 'Skin'.",)
@@ -86,7 +86,7 @@ def test_all_parts_of_a_right_map_are_listed_without_a_warning() -> None:
 
 def test_a_source_that_is_matched_as_a_single_part_has_no_list() -> None:
     source = body_and_hat()
-    result = mapped(source, np.zeros(len(ball(1.0).vertices), dtype=int))
+    result = make_match(source, np.zeros(len(ball(1.0).vertices), dtype=int))
     result.pair.shares = np.ones(1)
     assert notes_on_parts(result, parts_of(source)) == ()
     assert part_figures(result, parts_of(source)) == []

@@ -45,26 +45,26 @@ pytestmark = pytest.mark.usefixtures("few_candidates")
         ({"alone": 0.4}, AMBER, "no partner"),
     ],
 )
-def test_the_worst_of_what_is_known_decides(changed: dict[str, Any], level: str, reason: str) -> None:
+def test_worst_fault_decides_the_verdict(changed: dict[str, Any], level: str, reason: str) -> None:
     verdict = judge(changed.pop("certainty", 0.99), Faults(**changed))
     assert verdict.level == level
     assert reason in verdict.sentence
     assert bool(verdict.advice) == (level != GREEN)
 
 
-def test_if_only_places_are_unknown_sides_are_not_in_doubt() -> None:
+def test_advice_for_unknown_places_does_not_mention_sides() -> None:
     assert "list of parts" in judge(0.76, Faults(unplaced=0.235, silent=0.35)).advice
     assert "doubtful vertices" in judge(0.76, Faults(unplaced=0.235)).advice
     assert "sides are swapped" in judge(0.6, Faults(unplaced=0.235, silent=0.35)).advice
 
 
-def test_of_several_verdicts_the_worst_counts() -> None:
+def test_worst_of_several_verdicts_counts() -> None:
     verdicts = [judge(0.99), judge(0.1), judge(0.99, Faults(torn=0.05))]
     assert worst(verdicts) is verdicts[1]
     assert worst(verdicts[::2]) is verdicts[2]
 
 
-def test_a_part_that_nothing_lands_on_is_named_and_makes_the_verdict_amber() -> None:
+def test_part_without_images_makes_the_verdict_amber() -> None:
     made = creature(400)
     top = made.surface.vertices[np.argmax(made.surface.vertices[:, 2])]
     lump = zo.Surface(made.surface.vertices * 0.3 + top, made.surface.triangles)
@@ -75,7 +75,7 @@ def test_a_part_that_nothing_lands_on_is_named_and_makes_the_verdict_amber() -> 
     assert result.verdict.level != GREEN
 
 
-def test_a_part_that_arrives_without_confidence_makes_the_verdict_amber() -> None:
+def test_part_without_confidence_makes_the_verdict_amber() -> None:
     made = creature(400)
     top = made.surface.vertices[np.argmax(made.surface.vertices[:, 2])]
     lump = zo.Surface(made.surface.vertices * 0.3 + top, made.surface.triangles)
