@@ -32,7 +32,7 @@ def along_surface(places: np.ndarray, seed: int = 0) -> np.ndarray:
 
 
 @pytest.mark.parametrize("count", [1, 5, 100, 600])
-def test_places_are_met_and_nothing_overshoots(count: int) -> None:
+def test_bent_map_interpolates_places_without_overshoot(count: int) -> None:
     places = np.random.default_rng(1).choice(1500, count, replace=False)
     moves = along_surface(places)
     moved = bent(places, moves)
@@ -41,7 +41,7 @@ def test_places_are_met_and_nothing_overshoots(count: int) -> None:
     assert np.linalg.norm(moved, axis=1).max() < 1.5 * most + 1e-9
 
 
-def test_blocks_make_no_difference(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_block_size_does_not_change_results(monkeypatch: pytest.MonkeyPatch) -> None:
     places = np.arange(0, 1500, 20)
     moves = along_surface(places)
     whole = bent(places, moves)
@@ -49,7 +49,7 @@ def test_blocks_make_no_difference(monkeypatch: pytest.MonkeyPatch) -> None:
     np.testing.assert_allclose(bent(places, moves), whole, atol=1e-9)
 
 
-def test_an_image_that_moves_does_not_jump_across_a_gap() -> None:
+def test_moved_images_do_not_jump_across_a_gap() -> None:
     """Two sheets that face each other, joined at one end: the displacement of a place leads from one to the other."""
     flat = grid(np.linspace(-1, 1, 41), np.linspace(0, 1, 21)).vertices
     faces = triangles_of(grid_faces(40, 20))
