@@ -43,7 +43,7 @@ FAST = MatchOptions(**DETAIL["fast"])  # type: ignore[arg-type]
 POSES = {"a": (0, 0.0), "b": (1, 0.5), "c": (2, 0.8), "d": (3, 0.3)}
 
 
-def made(name: str, count: int = 700) -> Creature:
+def make_creature(name: str, count: int = 700) -> Creature:
     seed, bend = POSES[name]
     return creature(count, seed=seed, bend=bend, asymmetry=0.3)
 
@@ -53,7 +53,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Four creatures, and a broken file."""
     place = tmp_path_factory.mktemp("shapes")
     for name in POSES:
-        write_shape(made(name).surface, place / f"{name}.ply")
+        write_shape(make_creature(name).surface, place / f"{name}.ply")
     (place / "broken.off").write_text("no mesh")
     return place
 
@@ -69,9 +69,9 @@ def test_every_map_is_right_and_a_broken_file_fails_alone(matched: zo.Collection
     assert set(matched.records) == {PairName(*pair) for pair in ("ab", "ac", "ad", "bc", "bd", "cd")}
     assert list(matched.failures) == ["broken"]
     for source, target in matched.records:
-        true = true_vertex(made(source), made(target))
+        true = true_vertex(make_creature(source), make_creature(target))
         found = matched.surface_map(source, target).vertex
-        places = made(source).surface.vertices
+        places = make_creature(source).surface.vertices
         assert np.median(np.linalg.norm(places[found] - places[true], axis=1)) < 0.3
     assert matched.agreement is not None
     assert max(matched.agreement.after.values()) < 0.1
@@ -181,8 +181,8 @@ def test_wrong_map_is_replaced_and_the_choice_is_kept(
     record = found.records[wrong]
     assert (record.candidate, record.through in ("a", "c")) == ((1, False) if others else (0, True))
     if not others:  # the map through another shape is right
-        true = true_vertex(made("b"), made("d"))
-        places = made("b").surface.vertices
+        true = true_vertex(make_creature("b"), make_creature("d"))
+        places = make_creature("b").surface.vertices
         images = places[found.surface_map(*wrong).vertex]
         assert np.median(np.linalg.norm(images - places[true], axis=1)) < 0.3
     assert match_collection(files, tmp_path, pairs="all", options=FAST).matched == 0
@@ -190,7 +190,7 @@ def test_wrong_map_is_replaced_and_the_choice_is_kept(
 
 @pytest.mark.slow
 def test_surfaces_and_clouds_in_memory_are_matched() -> None:
-    shapes = {"body": made("a").surface, "cloud": PointCloud(made("b", 900).surface.vertices)}
+    shapes = {"body": make_creature("a").surface, "cloud": PointCloud(make_creature("b", 900).surface.vertices)}
     found = match_collection(shapes, template="body", options=FAST)
     assert list(found.records) == [PairName("body", "cloud")]
     assert len(found.surface_map("body", "cloud").vertex) == 900
@@ -253,7 +253,7 @@ def test_verdict_of_a_pair_depends_on_its_faults_and_cycles(matched: zo.Collecti
 def test_unlikely_maps_transfer_nothing_unless_forced(
     matched: zo.CollectionResult, tmp_path: Path, force: bool
 ) -> None:
-    surface = made("a").surface
+    surface = make_creature("a").surface
     colors = Attribute("color 0", Domain.POINT, Kind.COLOR, np.clip(0.5 + surface.vertices, 0, 1))
     write_asset(Asset(surface, (colors,)), tmp_path / "a.glb")
     pair = PairName("a", "b")

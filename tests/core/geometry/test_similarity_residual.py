@@ -21,20 +21,20 @@ def residual(shape: Creature, images: np.ndarray, rings: int = 3) -> np.ndarray:
     return similarity_residual(shape.surface.vertices, shape.surface.triangles, images, rings)
 
 
-def moved(points: np.ndarray) -> np.ndarray:
+def apply_similarity(points: np.ndarray) -> np.ndarray:
     return 7.0 * points @ Rotation.random(random_state=1).as_matrix().T + [100.0, 0.0, -3.0]
 
 
 @pytest.mark.parametrize("rings", [1, 3])
 def test_similarity_has_no_residual(shape: Creature, rings: int) -> None:
-    assert residual(shape, moved(shape.surface.vertices), rings).max() < 1e-8
+    assert residual(shape, apply_similarity(shape.surface.vertices), rings).max() < 1e-8
 
 
 def test_residual_does_not_depend_on_placement_or_scale(shape: Creature) -> None:
     images = shape.surface.vertices + 0.02 * np.random.default_rng(0).normal(size=shape.surface.vertices.shape)
     first = residual(shape, images)
-    np.testing.assert_allclose(residual(shape, moved(images)), first, atol=1e-8)
-    turned = similarity_residual(moved(shape.surface.vertices), shape.surface.triangles, images, 3)
+    np.testing.assert_allclose(residual(shape, apply_similarity(images)), first, atol=1e-8)
+    turned = similarity_residual(apply_similarity(shape.surface.vertices), shape.surface.triangles, images, 3)
     np.testing.assert_allclose(turned, first, atol=1e-8)
 
 

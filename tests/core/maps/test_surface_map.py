@@ -95,7 +95,7 @@ def test_suffix_is_optional_when_saving_and_loading(tmp_path, resting, onto, sav
     assert np.array_equal(SurfaceMap.load(tmp_path / loaded, resting.surface).triangle, onto.triangle)
 
 
-def refused(path: Path, source: Surface) -> str:
+def refusal_of(path: Path, source: Surface) -> str:
     with pytest.raises(MeshError) as refusal:
         SurfaceMap.load(path, source)
     message = str(refusal.value)
@@ -108,16 +108,16 @@ def refused(path: Path, source: Surface) -> str:
 def test_missing_or_mismatched_files_are_refused(tmp_path: Path, resting: Creature, onto: SurfaceMap) -> None:
     onto.save(tmp_path / "map.npz")
     small = Surface(resting.surface.vertices, resting.surface.triangles[:50])
-    assert "another source" in refused(tmp_path / "map.npz", small)
+    assert "another source" in refusal_of(tmp_path / "map.npz", small)
     np.savez(tmp_path / "other.npz", something=1)
-    assert "barycentric and triangle" in refused(tmp_path / "other.npz", resting.surface)
-    assert "no file" in refused(tmp_path / "missing.npz", resting.surface)
+    assert "barycentric and triangle" in refusal_of(tmp_path / "other.npz", resting.surface)
+    assert "no file" in refusal_of(tmp_path / "missing.npz", resting.surface)
 
 
 @pytest.mark.parametrize("content", [b"", b"junk", b"PK\x03\x04 junk", b"\x93NUMPY junk", b"\x80\x04junk"])
 def test_files_of_other_formats_are_refused(tmp_path: Path, resting: Creature, content: bytes) -> None:
     (tmp_path / "junk.npz").write_bytes(content)
-    assert "not an .npz file" in refused(tmp_path / "junk.npz", resting.surface)
+    assert "not an .npz file" in refusal_of(tmp_path / "junk.npz", resting.surface)
 
 
 def test_object_arrays_and_truncated_files_are_refused(tmp_path, resting: Creature, onto: SurfaceMap) -> None:
@@ -126,7 +126,7 @@ def test_object_arrays_and_truncated_files_are_refused(tmp_path, resting: Creatu
     (tmp_path / "cut.npz").write_bytes((tmp_path / "whole.npz").read_bytes()[:5000])
     np.save(tmp_path / "array.npy", np.zeros(3))
     for name in ("objects.npz", "cut.npz", "array.npy"):
-        assert "contains no map" in refused(tmp_path / name, resting.surface)
+        assert "contains no map" in refusal_of(tmp_path / name, resting.surface)
 
 
 @pytest.mark.parametrize(
@@ -146,7 +146,7 @@ def test_object_arrays_and_truncated_files_are_refused(tmp_path, resting: Creatu
 def test_maps_with_invalid_values_are_refused(tmp_path, resting, onto, name, change, sentence) -> None:
     arrays = {"triangle": onto.triangle - onto.triangle.min(), "barycentric": onto.barycentric}
     np.savez(tmp_path / "map.npz", **arrays | {name: change(arrays[name])})
-    assert sentence in refused(tmp_path / "map.npz", resting.surface)
+    assert sentence in refusal_of(tmp_path / "map.npz", resting.surface)
 
 
 @pytest.mark.parametrize("vertex", [[4000], [-1], [0.5], [np.nan], [[0]], [True], ["a"]])

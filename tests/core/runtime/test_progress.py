@@ -14,7 +14,7 @@ import zoomout_core as zo
 from zoomout_core.runtime.progress import advance, listening, portion, renaming, show_outlines, stage
 
 
-def rounded(progress: zo.Progress) -> tuple[float, str]:
+def round_progress(progress: zo.Progress) -> tuple[float, str]:
     return round(progress.fraction, 9), progress.stage
 
 
@@ -45,7 +45,7 @@ def test_innermost_title_wins_and_untitled_reports_inherit_it() -> None:
         advance(0.95)
 
     _, reports = reports_of(work)
-    assert [rounded(one) for one in reports] == [
+    assert [round_progress(one) for one in reports] == [
         (0.0, ""),
         (0.1, "Outer"),
         (0.3, "Outer"),
@@ -73,7 +73,7 @@ def test_renaming_changes_titles_but_not_empty_ones() -> None:
         advance(0.1)
         with stage("Thinking", 0.2, 0.4):
             advance(0.5)
-    assert [rounded(one) for one in heard] == [(0.1, ""), (0.2, "THINKING"), (0.3, "THINKING")]
+    assert [round_progress(one) for one in heard] == [(0.1, ""), (0.2, "THINKING"), (0.3, "THINKING")]
 
 
 def test_reported_fractions_never_fall_or_exceed_one() -> None:
@@ -92,8 +92,8 @@ def test_each_listener_receives_progress_of_its_own_block() -> None:
             advance(0.5)
         with stage("Second", 0.5, 1.0), listening(None):
             advance(1.0)
-    assert [rounded(one) for one in inner] == [(0.5, "")]
-    assert [rounded(one) for one in outer] == [(0.0, "First"), (0.25, "First"), (0.5, "Second"), (1.0, "Second")]
+    assert [round_progress(one) for one in inner] == [(0.5, "")]
+    assert [round_progress(one) for one in outer] == [(0.0, "First"), (0.25, "First"), (0.5, "Second"), (1.0, "Second")]
 
 
 def test_outlines_reach_all_listeners_and_stay_until_replaced() -> None:
@@ -106,7 +106,11 @@ def test_outlines_reach_all_listeners_and_stay_until_replaced() -> None:
         show_outlines(lambda: second)
     for heard in (outer, inner):
         assert [one.outlines for one in heard] == [(), first, first, second]
-        assert [rounded(one) for one in heard[1:]] == [(0.5, "Comparing"), (0.75, "Comparing"), (0.75, "Comparing")]
+        assert [round_progress(one) for one in heard[1:]] == [
+            (0.5, "Comparing"),
+            (0.75, "Comparing"),
+            (0.75, "Comparing"),
+        ]
 
 
 def test_outlines_are_computed_only_for_listeners() -> None:

@@ -52,7 +52,7 @@ def source() -> Surface:
     return fine.with_vertices(3 * TURN.apply(bumpy(fine.vertices)) + [5.0, -2, 9])
 
 
-def mapped(points: np.ndarray, source: Surface) -> SurfaceMap:
+def map_directions(points: np.ndarray, source: Surface) -> SurfaceMap:
     """The map of points (n, 3) of the unit sphere to the source points in their directions."""
     back = TURN.inv().apply(source.vertices - [5.0, -2, 9])
     back /= np.linalg.norm(back, axis=1)[:, None]
@@ -64,7 +64,7 @@ def mapped(points: np.ndarray, source: Surface) -> SurfaceMap:
 def noisy(target: Surface, source: Surface) -> SurfaceMap:
     """A map with errors of about an edge length, so that many faces fold over."""
     noise = np.random.default_rng(0).normal(0, 0.06, target.vertices.shape)
-    return mapped(target.vertices + noise, source)
+    return map_directions(target.vertices + noise, source)
 
 
 @pytest.fixture(scope="module")
@@ -150,7 +150,7 @@ def test_progress_is_reported_and_a_listener_can_cancel(
 
 
 def test_vertices_stay_where_the_map_sends_them(source: Surface, target: Surface) -> None:
-    found = wrap(mapped(target.vertices, source), source, target, smoothness=0.2).vertices
+    found = wrap(map_directions(target.vertices, source), source, target, smoothness=0.2).vertices
     true = 3 * TURN.apply(bumpy(target.vertices)) + [5.0, -2, 9]
     assert np.linalg.norm(found - true, axis=1).mean() < 0.012 * np.sqrt(source.area)
 
@@ -197,7 +197,7 @@ def test_detail_blends_from_the_coarse_shape_to_the_surface(
 def test_landmarks_are_met_exactly(noisy: SurfaceMap, source: Surface, target: Surface) -> None:
     numbers = np.array([3, 200, 450])
     away = Rotation.from_rotvec([0, 0, 0.25]).apply(target.vertices[numbers])
-    there = mapped(away, source).interpolate(source.vertices)
+    there = map_directions(away, source).interpolate(source.vertices)
     found = wrap(noisy, source, target, landmarks=(there, numbers))
     assert np.abs(found.vertices[numbers] - there).max() < 1e-9
     assert found.turned_over == 0
@@ -221,7 +221,7 @@ def test_parts_without_a_partner_keep_their_shape(source: Surface) -> None:
     height = 0.8 * np.maximum(0, plain.vertices[:, 2]) ** 40
     horned = plain.with_vertices(plain.vertices * (1 + height)[:, None])
     alone = height > 0.04
-    vertex = mapped(horned.vertices, source)
+    vertex = map_directions(horned.vertices, source)
     match = Given(vertex, np.where(alone, 0.0, 1.0), ~alone)
     found = wrap(match, source, horned)
     error, growth = shape_error(found.vertices[alone], horned.vertices[alone])
@@ -268,7 +268,7 @@ def test_loose_parts_follow_rigidly(source: Surface, target: Surface, noisy: Sur
 def test_mapped_loose_part_moves_to_its_image_without_spinning(source: Surface, target: Surface) -> None:
     eye, socket = ball(0.05, (0.9, 0, 0), count=40), ball(0.3, (7.0, 1, 8), count=40)
     both, around = Surface.joined([target, eye]), Surface.joined([source, socket])
-    body = mapped(target.vertices, source)
+    body = map_directions(target.vertices, source)
     spun = Rotation.from_rotvec([0, 0, 2.5]).apply(eye.vertices - [0.9, 0, 0]) * 6 + [7.0, 1, 8]
     of_eye = closest_points(spun, socket.vertices, socket.triangles)
     images = SurfaceMap(
@@ -286,7 +286,7 @@ def test_mapped_loose_part_moves_to_its_image_without_spinning(source: Surface, 
 def test_mirrored_target_is_wrapped_and_stays_mirrored(source: Surface) -> None:
     plain = ball(1, count=700, seed=3)
     mirrored = Surface(plain.vertices * [-1, 1, 1], plain.triangles[:, ::-1])
-    found = wrap(mapped(plain.vertices, source), source, mirrored)
+    found = wrap(map_directions(plain.vertices, source), source, mirrored)
     assert found.turned_over == 0
     assert off(found.vertices, source).max() < 1e-6
     assert inwards(found.vertices, mirrored) == len(mirrored.triangles)
@@ -302,7 +302,7 @@ def test_units_and_placement_do_not_matter(
 
 
 def test_reversed_match_maps_back(source: Surface, target: Surface) -> None:
-    there = mapped(target.vertices, source)
+    there = map_directions(target.vertices, source)
     back = reverse_match(Given(there, np.full(700, 0.8)), source, target)
     true = TURN.inv().apply(source.vertices - [5.0, -2, 9])
     true /= np.linalg.norm(true, axis=1)[:, None]
@@ -317,7 +317,7 @@ def test_reversed_match_maps_back(source: Surface, target: Surface) -> None:
 def test_match_of_a_mirrored_target_is_reversed(source: Surface) -> None:
     plain = ball(1, count=700, seed=3)
     mirrored = Surface(plain.vertices * [-1, 1, 1], plain.triangles[:, ::-1])
-    back = reverse_match(mapped(plain.vertices, source), source, mirrored)
+    back = reverse_match(map_directions(plain.vertices, source), source, mirrored)
     true = TURN.inv().apply(source.vertices - [5.0, -2, 9]) * [-1, 1, 1]
     true /= np.linalg.norm(true, axis=1)[:, None]
     assert np.linalg.norm(back.surface_map.interpolate(mirrored.vertices) - true, axis=1).mean() < 0.06
@@ -339,7 +339,7 @@ def test_scrambled_patches_of_a_map_are_not_followed(source: Surface, target: Su
     patch = np.flatnonzero(target.vertices[:, 2] > 0.85)
     places = target.vertices.copy()
     places[patch] = places[np.random.default_rng(1).permutation(patch)]
-    scrambled = mapped(places, source)
+    scrambled = map_directions(places, source)
     true = 3 * TURN.apply(bumpy(target.vertices)) + [5.0, -2, 9]
 
     def error() -> float:
@@ -360,7 +360,7 @@ def test_uncovered_parts_of_the_source_attract_the_target(target: Surface) -> No
     near = places[:, 0] > 0.8
     turn = np.arctan2(places[near, 2], places[near, 1])
     places[near] = np.stack([np.full(len(turn), 0.8), 0.6 * np.cos(turn), 0.6 * np.sin(turn)], axis=1)
-    bare = mapped(places, source)
+    bare = map_directions(places, source)
 
     def reach() -> float:
         found = wrap(bare, source, target).vertices

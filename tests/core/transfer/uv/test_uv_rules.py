@@ -129,7 +129,7 @@ def test_stretched_and_collapsed_faces_are_reported(factors: tuple[float, ...], 
     assert not told
 
 
-def bent(places: np.ndarray, knee: float, below: float, above: float) -> np.ndarray:
+def bend_at_knee(places: np.ndarray, knee: float, below: float, above: float) -> np.ndarray:
     """Scale places (c, 2) along each axis by one factor below a knee and another above it."""
     return np.where(places < knee, below * places, below * knee + above * (places - knee))
 
@@ -137,7 +137,7 @@ def bent(places: np.ndarray, knee: float, below: float, above: float) -> np.ndar
 @pytest.mark.parametrize(("knee", "below", "above"), [(0.9, 1, 12), (0.9, 1, 1 / 12), (0.05, 1 / 12, 1)])
 def test_uneven_density_on_the_source_is_not_reported(knee: float, below: float, above: float) -> None:
     source = plate(20, 20)
-    dense = bent(corners(source), knee, below, above)
+    dense = bend_at_knee(corners(source), knee, below, above)
     assert transfer_uvs(dense, identity(source), source, source).notes == ()
     # The corner that samples the source's density is in the sparse region, the face is not.
     coarse = plate(4, 4)
