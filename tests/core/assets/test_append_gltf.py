@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Meshes, joints and materials added to an avatar, of which all else stays as it was."""
+"""Meshes, joints and materials are added to an avatar without changing its other data."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def with_key(asset: Asset, name: str) -> Asset:
     )
 
 
-def test_an_avatar_keeps_all_that_it_has(path: Path, version: int, tmp_path: Path) -> None:
+def test_avatar_keeps_all_of_its_own_data(path: Path, version: int, tmp_path: Path) -> None:
     before, document = tree_of(path), Document(path)
     assert append_to_gltf(document, (), hat_of(read_asset(path)), tmp_path / "out.vrm") == ()
     assert faults(tmp_path / "out.vrm") == []
@@ -75,7 +75,7 @@ def test_an_avatar_keeps_all_that_it_has(path: Path, version: int, tmp_path: Pat
         assert shade["index"] == len(after["textures"]) - 1
 
 
-def test_an_added_mesh_is_where_it_was(path: Path, tmp_path: Path) -> None:
+def test_added_mesh_keeps_its_place_and_weights(path: Path, tmp_path: Path) -> None:
     asset = read_asset(path)
     assert asset.skin is not None
     hat = hat_of(asset)
@@ -94,7 +94,7 @@ def test_an_added_mesh_is_where_it_was(path: Path, tmp_path: Path) -> None:
     assert abs(again.skin.weights[-40:] - asset.skin.weights[:40]).max() < 1e-6
 
 
-def test_added_joints_hang_from_those_of_the_avatar(path: Path, tmp_path: Path) -> None:
+def test_added_joints_are_parented_to_those_of_the_avatar(path: Path, tmp_path: Path) -> None:
     document = Document(path)
     step = np.eye(4)
     step[1, 3] = 0.25
@@ -108,7 +108,7 @@ def test_added_joints_hang_from_those_of_the_avatar(path: Path, tmp_path: Path) 
     np.testing.assert_allclose(worlds[first + 1, :3, 3], document.worlds()[0][5, :3, 3] + [0, 0.5, 0])
 
 
-def test_expressions_move_what_has_their_keys(path: Path, version: int, tmp_path: Path) -> None:
+def test_expressions_bind_added_keys_of_their_names(path: Path, version: int, tmp_path: Path) -> None:
     append_to_gltf(Document(path), (), with_key(hat_of(read_asset(path)), "Fcl_A"), tmp_path / "out.vrm")
     assert faults(tmp_path / "out.vrm") == []
     tree = tree_of(tmp_path / "out.vrm")
@@ -126,7 +126,7 @@ def test_expressions_move_what_has_their_keys(path: Path, version: int, tmp_path
         assert binds["blink"] == [(FACE, 0)]
 
 
-def test_the_shader_of_another_version_is_reported(version: int, path: Path, tmp_path: Path) -> None:
+def test_shader_of_another_vrm_version_is_reported(version: int, path: Path, tmp_path: Path) -> None:
     write_avatar(tmp_path / "other.vrm", 1 - version)
     notes = append_to_gltf(Document(path), (), hat_of(read_asset(tmp_path / "other.vrm")), tmp_path / "out.vrm")
     assert faults(tmp_path / "out.vrm") == []
@@ -134,7 +134,7 @@ def test_the_shader_of_another_version_is_reported(version: int, path: Path, tmp
     assert notes == ((shader,) if version == 1 else ())
 
 
-def test_a_texture_that_cannot_be_read_is_left_out(path: Path, tmp_path: Path) -> None:
+def test_unreadable_texture_is_left_out(path: Path, tmp_path: Path) -> None:
     tree = tree_of(path)
     tree["images"][0] = {"uri": "missing.png"}
     (tmp_path / "hats").mkdir()

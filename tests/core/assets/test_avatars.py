@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""VRM files stay valid: every mesh on its node, and all that refers to nodes, meshes, morph targets and materials."""
+"""VRM files stay valid: meshes keep their nodes, and references to nodes, meshes, morph targets and materials hold."""
 
 from __future__ import annotations
 
@@ -89,18 +89,18 @@ def expressions(tree: dict[str, Any]) -> dict[str, list[tuple[int, int, float]]]
     }
 
 
-def written(asset: Asset, path: Path) -> tuple[dict[str, Any], tuple[str, ...]]:
+def write_valid(asset: Asset, path: Path) -> tuple[dict[str, Any], tuple[str, ...]]:
     """The JSON of a written file without faults, and the notes."""
     notes = write_asset(asset, path)
     assert faults(path) == []
     return tree_of(path), notes
 
 
-def test_an_avatar_is_written_as_it_was(path: Path) -> None:
+def test_avatar_round_trip_keeps_all_tables(path: Path) -> None:
     before, asset = tree_of(path), read_asset(path)
     assert asset.notes == ()
     assert faults(path) == []
-    after, notes = written(asset, path.with_name("again.vrm"))
+    after, notes = write_valid(asset, path.with_name("again.vrm"))
     assert notes == ()
     for table in ("extensions", "extensionsUsed", "materials", "nodes", "scenes", "textures"):
         assert after[table] == before[table]
@@ -113,7 +113,7 @@ def test_an_avatar_is_written_as_it_was(path: Path) -> None:
         assert {**skin, "inverseBindMatrices": None} == {**old, "inverseBindMatrices": None}
 
 
-def test_the_shape_of_each_mesh_is_that_of_its_node(path: Path) -> None:
+def test_meshes_keep_their_shapes_and_nodes(path: Path) -> None:
     asset = read_asset(path)
     write_asset(asset, path.with_name("again.vrm"))
     again = read_asset(path.with_name("again.vrm"))
@@ -139,11 +139,11 @@ def test_the_shape_of_each_mesh_is_that_of_its_node(path: Path) -> None:
         assert np.linalg.det(corners).sum() > 0
 
 
-def test_the_surface_of_an_avatar_is_read_like_its_asset(path: Path) -> None:
+def test_surface_of_an_avatar_equals_that_of_its_asset(path: Path) -> None:
     np.testing.assert_array_equal(read_surface(path).vertices, read_asset(path).surface.vertices)
 
 
-def test_new_shape_keys_follow_those_of_the_avatar(path: Path) -> None:
+def test_new_shape_keys_are_appended_to_those_of_the_avatar(path: Path) -> None:
     target = read_asset(path)
     on_face = (np.arange(len(target.surface.vertices)) >= 160)[:, None]
     source = with_keys(
@@ -154,7 +154,7 @@ def test_new_shape_keys_follow_those_of_the_avatar(path: Path) -> None:
         },
     )
     carried = transfer_asset(source, target, onto(source.surface, target.surface), [SHAPE_KEYS])
-    tree, notes = written(carried.asset, path.with_name("out.vrm"))
+    tree, notes = write_valid(carried.asset, path.with_name("out.vrm"))
     assert notes == ()
     assert tree["meshes"][1]["extras"]["targetNames"] == ["Fcl_Blink", "Fcl_A", "Wink"]
     assert tree["meshes"][1]["weights"] == [0, 0.25, 0]
@@ -173,13 +173,13 @@ def test_new_shape_keys_follow_those_of_the_avatar(path: Path) -> None:
     np.testing.assert_allclose(weights, [[0, 0.5, 0], [1, 0.25, 0]])
 
 
-def test_keys_with_the_names_of_presets_become_expressions(path: Path, version: int) -> None:
+def test_keys_named_like_presets_become_expressions(path: Path, version: int) -> None:
     target = read_asset(path)
     move = np.where(target.surface.vertices[:, 1:2] > 1.5, [0.0, 0, 0.01], 0)
     fresh, known, empty = ("O", "blink", "joy") if version == 0 else ("oh", "blink", "happy")
     source = with_keys(target.surface, dict.fromkeys((fresh, known, empty), move))
     carried = transfer_asset(source, target, onto(source.surface, target.surface), [SHAPE_KEYS])
-    tree, notes = written(carried.asset, path.with_name("out.vrm"))
+    tree, notes = write_valid(carried.asset, path.with_name("out.vrm"))
     assert len(notes) == 1
     assert notes[0].startswith("Expressions were made of the shape keys of their names:")
     found, before = expressions(tree), expressions(tree_of(path))
@@ -189,11 +189,11 @@ def test_keys_with_the_names_of_presets_become_expressions(path: Path, version: 
     assert found[names[known]] == before[names[known]]  # it was an expression already
 
 
-def test_the_bones_of_an_avatar_fit_another_body(path: Path, version: int) -> None:
+def test_avatar_bones_are_kept_on_another_body(path: Path, version: int) -> None:
     source = read_asset(path)
     scan = ball(0.3, (0, 1.2, 0), (1, 2, 0.7), count=300, seed=5)
     carried = transfer_asset(source, Asset(scan), onto(source.surface, scan), shape="keep shape")
-    tree, notes = written(carried.asset, path.with_name("scan.vrm"))
+    tree, notes = write_valid(carried.asset, path.with_name("scan.vrm"))
     assert notes[0].startswith("The meshes have free data (extras) of their own, which was left out")
     assert notes[1:] == (
         "The display in first person is chosen by the bones, because meshes that differ in it were joined.",
@@ -209,11 +209,11 @@ def test_the_bones_of_an_avatar_fit_another_body(path: Path, version: int) -> No
     assert tree["materials"] == tree_of(path)["materials"]
 
 
-def test_expressions_without_their_morph_targets_go_with_a_note(path: Path) -> None:
+def test_expressions_without_morph_targets_are_dropped_and_reported(path: Path) -> None:
     source = read_asset(path)
     scan = ball(0.3, (0, 1.2, 0), (1, 2, 0.7), count=300, seed=5)
     carried = transfer_asset(source, Asset(scan), onto(source.surface, scan), ["weights", "materials"], "keep shape")
-    tree, notes = written(carried.asset, path.with_name("scan.vrm"))
+    tree, notes = write_valid(carried.asset, path.with_name("scan.vrm"))
     lost = [note for note in notes if note.startswith("Expressions were left out, because their morph targets")]
     assert len(lost) == 1
     assert "'blink'" in lost[0].lower()
@@ -223,13 +223,13 @@ def test_expressions_without_their_morph_targets_go_with_a_note(path: Path) -> N
     assert any(note.startswith("Animations of materials or morph targets that are gone") for note in notes)
 
 
-def test_other_materials_keep_the_rest_of_the_avatar(path: Path, version: int) -> None:
+def test_replacing_materials_keeps_the_rest_of_the_avatar(path: Path, version: int) -> None:
     target = read_asset(path)
     count = len(target.surface.face_start) - 1
     numbers = material_numbers(np.arange(count) % 2)
     source = Asset(target.surface, (numbers,), (Material("Mouth", (1, 0, 0, 1)), Material("Gold", (1, 1, 0, 1))))
     carried = transfer_asset(source, target, onto(source.surface, target.surface), ["materials"])
-    tree, notes = written(carried.asset, path.with_name("out.vrm"))
+    tree, notes = write_valid(carried.asset, path.with_name("out.vrm"))
     assert [each["name"] for each in tree["materials"]] == ["Mouth", "Gold"]
     assert [node.get("mesh") for node in tree["nodes"]] == [node.get("mesh") for node in tree_of(path)["nodes"]]
     (note,) = notes
@@ -248,11 +248,11 @@ def test_other_materials_keep_the_rest_of_the_avatar(path: Path, version: int) -
     assert document.image(thumbnail) == Document(path).image(1)
 
 
-def test_the_materials_of_another_avatar_come_in_full(tmp_path: Path, path: Path, version: int) -> None:
+def test_materials_of_another_avatar_are_copied_in_full(tmp_path: Path, path: Path, version: int) -> None:
     write_avatar(tmp_path / "other.vrm", version)
     target, source = read_asset(path), read_asset(tmp_path / "other.vrm")
     carried = transfer_asset(source, target, onto(source.surface, target.surface), ["materials"])
-    tree, notes = written(carried.asset, path.with_name("out.vrm"))
+    tree, notes = write_valid(carried.asset, path.with_name("out.vrm"))
     before = tree_of(path)
     assert notes == ()
     assert tree["materials"] == before["materials"]
@@ -263,12 +263,12 @@ def test_the_materials_of_another_avatar_come_in_full(tmp_path: Path, path: Path
         assert tree["extensions"]["VRMC_vrm"]["expressions"] == before["extensions"]["VRMC_vrm"]["expressions"]
 
 
-def test_a_mesh_on_two_nodes_becomes_two(path: Path) -> None:
+def test_mesh_on_two_nodes_becomes_two_meshes(path: Path) -> None:
     tree = tree_of(path)
     tree["nodes"].append({"name": "Mask", "mesh": 1, "skin": 1})
     tree["nodes"][0]["children"].append(len(tree["nodes"]) - 1)
     replace_tree(path, tree)
-    made, notes = written(read_asset(path), path.with_name("out.vrm"))
+    made, notes = write_valid(read_asset(path), path.with_name("out.vrm"))
     assert notes == ()
     assert [made["nodes"][node]["mesh"] for node in (BODY, FACE, -1, HAT)] == [0, 1, 2, 3]
     before = expressions(tree)
@@ -278,7 +278,7 @@ def test_a_mesh_on_two_nodes_becomes_two(path: Path) -> None:
     }
 
 
-def test_morph_targets_of_one_name_stay_two(path: Path) -> None:
+def test_morph_targets_of_equal_names_stay_distinct(path: Path) -> None:
     tree = tree_of(path)
     for part in (tree["meshes"][1], *tree["meshes"][1]["primitives"]):
         if "targetNames" in part.get("extras", {}):
@@ -288,11 +288,11 @@ def test_morph_targets_of_one_name_stay_two(path: Path) -> None:
     keys = asset.find(SHAPE_KEYS)
     assert keys is not None
     assert keys.labels == ("Smile", "Smile 2")
-    made, _ = written(asset, path.with_name("out.vrm"))
+    made, _ = write_valid(asset, path.with_name("out.vrm"))
     assert expressions(made) == expressions(tree)
 
 
-def test_a_file_without_bones_of_an_avatar_is_no_avatar(tmp_path: Path, path: Path) -> None:
+def test_file_without_avatar_bones_cannot_become_vrm(tmp_path: Path, path: Path) -> None:
     write_tube(tmp_path / "tube.glb")
     tube, target = read_asset(tmp_path / "tube.glb"), read_asset(path)
     with pytest.raises(MeshError, match="would be no avatar, because its joints are not those of a VRM file"):
@@ -316,13 +316,13 @@ def test_images_outside_the_folder_of_an_avatar_are_not_read(tmp_path: Path, pat
     asset = read_asset(moved)
     assert any("'../secret.png' is outside the folder of the file" in note for note in asset.notes)
     assert [each.name for each in inputs_of(moved)] == ["doll.vrm", "secret.png", "secret.png"]
-    made, _ = written(asset, tmp_path / "out.vrm")
+    made, _ = write_valid(asset, tmp_path / "out.vrm")
     assert "images" not in made
     assert "thumbnailImage" not in json.dumps(made)
     assert read_asset(moved, [tmp_path]).notes == ()
 
 
-def test_what_an_avatar_is(path: Path, version: int) -> None:
+def test_avatar_metadata_is_read(path: Path, version: int) -> None:
     avatar = read_avatar(read_asset(path).document)
     assert avatar is not None
     assert avatar.version == ("0.0", "1.0")[version]
@@ -348,7 +348,7 @@ def run(*arguments: object) -> tuple[int, str]:
     return result.exit_code, result.stdout + (result.stderr if result.exit_code else "")
 
 
-def test_the_command_says_what_an_avatar_is(path: Path, version: int) -> None:
+def test_info_command_reports_avatar_metadata(path: Path, version: int) -> None:
     code, said = run("info", path)
     assert code == 0
     title = ("Avatar of VRM 0.0: Doll by me.", "Avatar of VRM 1.0: Doll by me, you.")[version]
@@ -367,7 +367,7 @@ def test_the_command_says_what_an_avatar_is(path: Path, version: int) -> None:
 
 
 @pytest.mark.usefixtures("remember_matches")
-def test_the_command_writes_an_avatar(tmp_path: Path) -> None:
+def test_transfer_command_writes_an_avatar(tmp_path: Path) -> None:
     files = [tmp_path / name for name in ("source.vrm", "target.vrm", "out.vrm")]
     for file in files[:2]:
         write_avatar(file, 1)
@@ -378,7 +378,7 @@ def test_the_command_writes_an_avatar(tmp_path: Path) -> None:
     assert tree_of(files[2])["nodes"] == tree_of(files[1])["nodes"]
 
 
-def test_the_command_refuses_to_write_no_avatar_before_it_matches(path: Path, tmp_path: Path) -> None:
+def test_transfer_command_refuses_invalid_avatar_before_matching(path: Path, tmp_path: Path) -> None:
     write_tube(tmp_path / "tube.glb")
     code, said = run("transfer", tmp_path / "tube.glb", path, "-o", tmp_path / "out.vrm", "--cache", "off")
     assert code == 1
@@ -386,14 +386,14 @@ def test_the_command_refuses_to_write_no_avatar_before_it_matches(path: Path, tm
     assert not (tmp_path / "out.vrm").exists()
 
 
-def places(part: Any) -> Iterator[tuple[Any, Any]]:
+def entries_of(part: Any) -> Iterator[tuple[Any, Any]]:
     """Every value in a tree, as its container and its key there."""
     for key in list(part) if isinstance(part, dict) else range(len(part)) if isinstance(part, list) else ():
         yield part, key
-        yield from places(part[key])
+        yield from entries_of(part[key])
 
 
-def test_extensions_of_any_content_are_no_fault(path: Path) -> None:
+def test_malformed_extensions_raise_no_error(path: Path) -> None:
     asset = read_asset(path)
     assert asset.document is not None
     whole = deepcopy(asset.document.gltf.extensions)
@@ -401,7 +401,7 @@ def test_extensions_of_any_content_are_no_fault(path: Path) -> None:
     for number in range(10):
         changed = deepcopy(whole)
         for _ in range(8):
-            every = list(places(changed))
+            every = list(entries_of(changed))
             container, key = every[random.integers(len(every))]
             container[key] = (-1, 10**9, "text", [], {}, [None], True, 0.5, [[1]])[random.integers(9)]
         asset.document.gltf.extensions = changed

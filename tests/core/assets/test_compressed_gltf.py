@@ -151,7 +151,7 @@ def test_triangles_are_the_same_after_encoding() -> None:
         assert np.any([(each == triangles).all(axis=1) for each in turned], axis=0).all()
 
 
-def test_filters_round_as_finely_as_asked() -> None:
+def test_filters_round_to_the_requested_precision() -> None:
     rng = np.random.default_rng(3)
     numbers = rng.normal(size=(500, 3))
     decoded = decode_filter(encode_exponential(numbers, 2.0**-12), "EXPONENTIAL").view("<f4")
@@ -185,7 +185,7 @@ def test_a_file_that_would_expand_too_far_is_refused(asset: Asset, tmp_path: Pat
         read_asset(tmp_path / "large.gltf")
 
 
-def test_a_stream_of_draco_with_more_elements_than_its_file_states_is_refused() -> None:
+def test_draco_stream_with_unexpected_counts_is_refused() -> None:
     package = pytest.importorskip("DracoPy")
     positions, triangles = np.random.default_rng(0).random((9, 3)), np.arange(9).reshape(-1, 3)
     content = package.encode(positions, triangles.astype("<u4"), preserve_order=True)

@@ -27,7 +27,7 @@ def path(tmp_path: Path) -> Path:
     return tmp_path / "tube.glb"
 
 
-def test_vertices_split_for_their_texture_coordinates_are_one_again(path: Path) -> None:
+def test_vertices_split_at_uv_seams_are_merged(path: Path) -> None:
     write_tube(path)
     asset = read_asset(path)
     positions, uv, triangles = tube()
@@ -42,7 +42,7 @@ def test_vertices_split_for_their_texture_coordinates_are_one_again(path: Path) 
 
 
 @pytest.mark.parametrize("armature_scale", [1.0, 0.01])
-def test_a_skin_is_read_with_its_rest_pose_whatever_the_pose_and_the_frame(path: Path, armature_scale: float) -> None:
+def test_skin_is_read_at_rest_from_any_pose_and_frame(path: Path, armature_scale: float) -> None:
     write_tube(path, armature_scale, bend=0.9)
     asset = read_asset(path)
     skin, positions = asset.skin, tube()[0]
@@ -65,7 +65,7 @@ def test_a_skin_is_read_with_its_rest_pose_whatever_the_pose_and_the_frame(path:
     np.testing.assert_allclose(keys.values[end, 0], np.tile(turn @ [1, 0, 0], (end.sum(), 1)), atol=1e-5)
 
 
-def test_vertices_without_weights_follow_the_joint_that_they_list_first(path: Path) -> None:
+def test_vertices_without_weights_follow_their_first_joint(path: Path) -> None:
     write_tube(path, bend=0.9)
     whole = read_asset(path)
     write_tube(path, bend=0.9, bare=True)
@@ -98,7 +98,7 @@ def write_normals(asset: Asset) -> Asset:
     return replace(asset, attributes=(*asset.attributes, Attribute(NORMALS, Domain.CORNER, Kind.NORMAL, smooth)))
 
 
-def turned_at(asset: Asset, name: str) -> np.ndarray:
+def vectors_at_corners(asset: Asset, name: str) -> np.ndarray:
     """(c, 3) values of a normal or offset attribute at the corners, sorted by position."""
     attribute, surface = asset.find(name), asset.surface
     assert attribute is not None
@@ -107,7 +107,7 @@ def turned_at(asset: Asset, name: str) -> np.ndarray:
 
 
 @pytest.mark.parametrize("ending", [".glb", ".gltf"])
-def test_what_is_written_says_the_same(path: Path, ending: str) -> None:
+def test_gltf_round_trip_keeps_all_data(path: Path, ending: str) -> None:
     write_tube(path, 0.1, bend=0.4, parts=3)
     asset = write_normals(read_asset(path))
     there = path.with_name(f"again{ending}")
@@ -115,7 +115,7 @@ def test_what_is_written_says_the_same(path: Path, ending: str) -> None:
     again = read_asset(there)
     np.testing.assert_allclose(as_corners(again), as_corners(asset), atol=1e-4)
     for name in (NORMALS, SHAPE_KEYS):
-        assert np.abs(turned_at(again, name) - turned_at(asset, name)).max() < 1e-3
+        assert np.abs(vectors_at_corners(again, name) - vectors_at_corners(asset, name)).max() < 1e-3
     assert again.materials == asset.materials
     before, after = asset.skin, again.skin
     assert before is not None
@@ -136,7 +136,7 @@ def test_what_is_written_says_the_same(path: Path, ending: str) -> None:
     assert sum(node.mesh is not None for node in new.gltf.nodes) == 1
 
 
-def test_weights_sum_to_one_in_single_precision_and_unused_joints_are_zero(path: Path) -> None:
+def test_written_weights_sum_to_one_and_unused_joints_are_zero(path: Path) -> None:
     write_tube(path)
     asset = read_asset(path)
     assert asset.skin is not None
@@ -172,7 +172,7 @@ def test_a_mesh_without_a_document_is_written_with_its_materials(tmp_path: Path)
     assert again.find(NORMALS) is not None
 
 
-def edited(path: Path, change: object) -> None:
+def edit_json(path: Path, change: object) -> None:
     """Change the JSON of a GLB file."""
     content = path.read_bytes()
     size = int.from_bytes(content[12:16], "little")
@@ -194,21 +194,21 @@ def edited(path: Path, change: object) -> None:
         (lambda made: made | {"accessors": []}, "could not be read"),
     ],
 )
-def test_a_file_that_cannot_be_used_is_refused_in_a_sentence(path: Path, change: object, sentence: str) -> None:
+def test_unusable_files_are_refused(path: Path, change: object, sentence: str) -> None:
     write_tube(path)
-    edited(path, change)
+    edit_json(path, change)
     with pytest.raises(MeshError, match=sentence):
         read_asset(path)
 
 
-def test_half_a_file_is_refused_in_a_sentence(path: Path) -> None:
+def test_truncated_file_is_refused(path: Path) -> None:
     write_tube(path)
     path.write_bytes(path.read_bytes()[:700])
     with pytest.raises(MeshError, match=r"could not be read .* check that the file is complete"):
         read_asset(path)
 
 
-def test_a_mesh_that_hangs_from_a_joint_moves_with_it(path: Path) -> None:
+def test_mesh_parented_to_a_joint_moves_with_it(path: Path) -> None:
     write_tube(path, bend=0.9)
 
     def hang(made: dict) -> dict:
@@ -217,7 +217,7 @@ def test_a_mesh_that_hangs_from_a_joint_moves_with_it(path: Path) -> None:
         made["nodes"][2]["children"] = [len(made["nodes"]) - 1]
         return made
 
-    edited(path, hang)
+    edit_json(path, hang)
     asset = read_asset(path)
     assert asset.skin is not None
     count = len(asset.surface.vertices) // 2
@@ -237,7 +237,7 @@ def test_a_mirrored_node_keeps_the_outer_side_of_its_faces(path: Path) -> None:
         return made
 
     before = read_asset(path)
-    edited(path, mirror)
+    edit_json(path, mirror)
     after = read_asset(path)
     volume = [
         np.linalg.det(each.surface.vertices[each.surface.triangles] - [0, LENGTH / 2, 0]).sum()
@@ -250,7 +250,7 @@ def test_a_mirrored_node_keeps_the_outer_side_of_its_faces(path: Path) -> None:
     np.testing.assert_allclose(again.values.reshape(-1, 3, 2)[:, [0, 2, 1]], uv.values.reshape(-1, 3, 2))
 
 
-def test_strips_and_fans_are_triangles(path: Path) -> None:
+def test_strips_and_fans_are_triangulated(path: Path) -> None:
     write_tube(path)
     whole = read_asset(path).surface
     for mode, expected in ((5, 3 * 2), (6, 3 * 2)):
@@ -262,14 +262,14 @@ def test_strips_and_fans_are_triangles(path: Path) -> None:
             return made
 
         write_tube(path)
-        edited(path, as_mode)
+        edit_json(path, as_mode)
         assert len(read_asset(path).surface.corner_vertex) == expected
     assert len(whole.corner_vertex) > expected
 
 
 @pytest.mark.parametrize("kind", ["tube", "creature"])
 def test_a_shape_has_the_vertices_of_its_asset(path: Path, kind: str) -> None:
-    """Else a map between shapes could not be used for a transfer between the same files."""
+    """Otherwise a map between shapes could not be used for a transfer between the same files."""
     if kind == "tube":
         write_tube(path)
     else:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The meshes of a glTF file stay on their nodes, and what refers to nodes, meshes and morph targets stays right."""
+"""Meshes of a glTF file keep their nodes, and references to nodes, meshes and morph targets stay valid."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ POINTER = "KHR_animation_pointer"
 
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
-    """A file with a skinned body and face, and a hat that hangs from the head."""
+    """A file with a skinned body and face, and a hat that is parented to the head."""
     write_avatar(tmp_path / "doll.glb", 1)
     tree = tree_of(tmp_path / "doll.glb")
     del tree["extensions"]
@@ -33,14 +33,14 @@ def path(tmp_path: Path) -> Path:
     return tmp_path / "doll.glb"
 
 
-def changed(path: Path, **tables: Any) -> Asset:
+def read_with_tables(path: Path, **tables: Any) -> Asset:
     """The asset of a file after tables of its JSON were replaced."""
     replace_tree(path, tree_of(path) | tables)
     return read_asset(path)
 
 
 def with_key_first(asset: Asset) -> Asset:
-    """The asset with a further shape key, the first one, which moves the face and the body."""
+    """The asset with one more shape key in front, which moves the face and the body."""
     keys = asset.find(SHAPE_KEYS)
     assert keys is not None
     values = np.concatenate([np.zeros_like(keys.values[:, :1]), keys.values], axis=1)
@@ -49,12 +49,12 @@ def with_key_first(asset: Asset) -> Asset:
     return replace(asset, attributes=tuple(more if each is keys else each for each in asset.attributes))
 
 
-def joined(asset: Asset) -> Asset:
-    """The asset with its surface as that of another file, which becomes one mesh."""
+def as_one_mesh(asset: Asset) -> Asset:
+    """The asset without its nodes, so that its surface is written as one mesh."""
     return replace(asset, nodes=())
 
 
-def written(asset: Asset, path: Path) -> tuple[Document, tuple[str, ...]]:
+def write_document(asset: Asset, path: Path) -> tuple[Document, tuple[str, ...]]:
     """The document of a written file, and the notes."""
     notes = write_asset(asset, path.with_name("out.glb"))
     return Document(path.with_name("out.glb")), notes
@@ -66,7 +66,7 @@ def with_weights(path: Path, nodes: Sequence[int], interpolation: str = "LINEAR"
     channels = [{"sampler": at, "target": {"node": node, "path": "weights"}} for at, node in enumerate(nodes)]
     (sampler,) = tree["animations"][0]["samplers"]
     samplers = [{**sampler, "interpolation": interpolation} for _ in nodes]
-    return changed(path, animations=[{"name": "Face", "channels": channels, "samplers": samplers}])
+    return read_with_tables(path, animations=[{"name": "Face", "channels": channels, "samplers": samplers}])
 
 
 def animated_weights(document: Document, node: int) -> np.ndarray:
@@ -78,28 +78,28 @@ def animated_weights(document: Document, node: int) -> np.ndarray:
     return values.reshape(-1, len(mesh.primitives[0].targets))
 
 
-def test_animated_weights_are_those_of_the_morph_targets(path: Path) -> None:
-    document, notes = written(with_key_first(with_weights(path, [FACE])), path)
+def test_animated_weights_follow_their_morph_targets(path: Path) -> None:
+    document, notes = write_document(with_key_first(with_weights(path, [FACE])), path)
     assert notes == ()
     assert document.gltf.meshes[1].extras["targetNames"] == ["Fcl_Blink", "Fcl_A", "Puff"]
     assert document.gltf.meshes[0].extras["targetNames"] == ["Puff"]
     np.testing.assert_allclose(animated_weights(document, FACE), [[0, 0.5, 0], [1, 0.25, 0]])
-    document, notes = written(joined(with_key_first(with_weights(path, [FACE]))), path)
+    document, notes = write_document(as_one_mesh(with_key_first(with_weights(path, [FACE]))), path)
     assert document.gltf.meshes[0].extras["targetNames"] == ["Puff", "Fcl_Blink", "Fcl_A"]
     np.testing.assert_allclose(animated_weights(document, BODY), [[0, 0, 0.5], [0, 1, 0.25]])
 
 
-def test_animated_weights_of_two_meshes_stay_unless_they_are_joined(path: Path) -> None:
+def test_animated_weights_of_two_meshes_are_kept_unless_joined(path: Path) -> None:
     tree = tree_of(path)
     tree["nodes"].append({"name": "Mask", "mesh": 1, "skin": 1})
     tree["nodes"][0]["children"].append(len(tree["nodes"]) - 1)
     replace_tree(path, tree)
     asset = with_weights(path, [FACE, len(tree["nodes"]) - 1])
-    document, notes = written(asset, path)
+    document, notes = write_document(asset, path)
     assert notes == ()
     for node in (FACE, len(tree["nodes"]) - 1):
         np.testing.assert_allclose(animated_weights(document, node), [[0, 0.5], [1, 0.25]])
-    document, notes = written(joined(asset), path)
+    document, notes = write_document(as_one_mesh(asset), path)
     assert "Animated weights of several meshes' morph targets were left out, because they were joined." in notes
     assert document.gltf.animations == []
 
@@ -116,7 +116,9 @@ def with_pointers(path: Path, pointers: Sequence[str]) -> Asset:
         }
         for pointer in pointers
     ]
-    return changed(path, animations=[{"channels": channels, "samplers": [sampler, single]}], extensionsUsed=[POINTER])
+    return read_with_tables(
+        path, animations=[{"channels": channels, "samplers": [sampler, single]}], extensionsUsed=[POINTER]
+    )
 
 
 def pointers_of(document: Document) -> list[str]:
@@ -131,7 +133,7 @@ def test_animation_pointers_follow_their_meshes(path: Path) -> None:
     material, place = "/materials/0/pbrMetallicRoughness/metallicFactor", f"/nodes/{HAT}/scale"
     pointers = ["/meshes/1/weights", f"/nodes/{FACE}/weights/1", "/meshes/1/weights/0", material, place]
     asset = with_pointers(path, pointers)
-    document, notes = written(with_key_first(asset), path)
+    document, notes = write_document(with_key_first(asset), path)
     assert notes == ()
     assert pointers_of(document) == pointers
     assert POINTER in document.gltf.extensionsUsed
@@ -140,7 +142,7 @@ def test_animation_pointers_follow_their_meshes(path: Path) -> None:
     np.testing.assert_allclose(weights, [[0, 0.5, 0], [1, 0.25, 0]])
     for channel in animation.channels[1:]:
         np.testing.assert_allclose(document.array(animation.samplers[channel.sampler].output).ravel(), [0, 1])
-    document, notes = written(joined(with_key_first(asset)), path)
+    document, notes = write_document(as_one_mesh(with_key_first(asset)), path)
     assert pointers_of(document) == [
         "/meshes/0/weights",
         f"/nodes/{BODY}/weights/2",
@@ -149,7 +151,7 @@ def test_animation_pointers_follow_their_meshes(path: Path) -> None:
     ]
     # Without the morph targets and the materials, only the node is left.
     plain = replace(asset, attributes=(), materials=(Material("Grey"),))
-    document, notes = written(plain, path)
+    document, notes = write_document(plain, path)
     assert pointers_of(document) == [place]
     assert notes == ("Animations of materials or morph targets that are gone were left out.",)
 
@@ -157,12 +159,12 @@ def test_animation_pointers_follow_their_meshes(path: Path) -> None:
 @pytest.mark.parametrize(
     "pointer", ["", "/", "/nodes", "/nodes/x/weights", "/nodes/99/weights", "/meshes/-1/weights/0"]
 )
-def test_pointers_to_nothing_are_no_fault(path: Path, pointer: str) -> None:
-    written(with_pointers(path, [pointer]), path)
-    written(joined(read_asset(path)), path)
+def test_dangling_animation_pointers_raise_no_error(path: Path, pointer: str) -> None:
+    write_document(with_pointers(path, [pointer]), path)
+    write_document(as_one_mesh(read_asset(path)), path)
 
 
-def test_a_pointer_that_is_no_object_is_one_sentence(path: Path) -> None:
+def test_malformed_animation_pointer_is_refused(path: Path) -> None:
     tree = tree_of(path)
     tree["animations"][0]["channels"][0]["target"] = {"path": "pointer", "extensions": {POINTER: 5}}
     replace_tree(path, tree)
@@ -170,52 +172,52 @@ def test_a_pointer_that_is_no_object_is_one_sentence(path: Path) -> None:
         read_asset(path)
 
 
-def test_weights_of_a_node_are_those_of_its_mesh(path: Path) -> None:
+def test_weights_of_a_node_become_those_of_its_mesh(path: Path) -> None:
     tree = tree_of(path)
     tree["nodes"][FACE]["weights"] = [0.5, 0.75]
-    document, _ = written(with_key_first(changed(path, nodes=tree["nodes"])), path)
+    document, _ = write_document(with_key_first(read_with_tables(path, nodes=tree["nodes"])), path)
     assert document.gltf.meshes[1].weights == [0.5, 0.75, 0]
     tree["nodes"][BODY]["weights"] = [1]
-    document, _ = written(joined(with_key_first(changed(path, nodes=tree["nodes"]))), path)
+    document, _ = write_document(as_one_mesh(with_key_first(read_with_tables(path, nodes=tree["nodes"]))), path)
     assert document.gltf.meshes[0].weights == [0, 0.5, 0.75]
     tree["nodes"][FACE]["weights"] = ["much"]
     with pytest.raises(MeshError, match='weights is "much", not a number'):
-        changed(path, nodes=tree["nodes"])
+        read_with_tables(path, nodes=tree["nodes"])
 
 
 def test_variants_of_each_mesh_are_kept(path: Path) -> None:
     tree, name = tree_of(path), "KHR_materials_variants"
     for number, mesh in enumerate(tree["meshes"]):
         mesh["primitives"][0]["extensions"] = {name: {"mappings": [{"material": number, "variants": [0]}]}}
-    asset = changed(path, meshes=tree["meshes"], extensions={name: {"variants": [{"name": "dark"}]}})
-    document, notes = written(asset, path)
+    asset = read_with_tables(path, meshes=tree["meshes"], extensions={name: {"variants": [{"name": "dark"}]}})
+    document, notes = write_document(asset, path)
     assert notes == ()
     found = [mesh.primitives[0].extensions[name]["mappings"][0]["material"] for mesh in document.gltf.meshes]
     assert found == [0, 1, 2]
-    notes = written(joined(asset), path)[1]
+    notes = write_document(as_one_mesh(asset), path)[1]
     assert any(note.startswith("Some parts with the same material have different material variants") for note in notes)
 
 
-def test_declared_extensions_are_those_that_occur(path: Path) -> None:
+def test_only_extensions_in_use_are_declared(path: Path) -> None:
     tree = tree_of(path)
     tree["meshes"][2]["extensions"] = {"EXT_of_mesh": {"felt": []}}
     tree["nodes"][2]["extensions"] = {"EXT_of_node": {"node": 1}}
     declared = ["KHR_mesh_quantization", "EXT_of_mesh", "EXT_of_node"]
-    asset = changed(
+    asset = read_with_tables(
         path, meshes=tree["meshes"], nodes=tree["nodes"], extensionsUsed=declared, extensionsRequired=declared[:2]
     )
-    document, _ = written(asset, path)
+    document, _ = write_document(asset, path)
     assert document.gltf.meshes[2].extensions == {"EXT_of_mesh": {"felt": []}}
     assert document.gltf.nodes[2].extensions == {"EXT_of_node": {"node": 1}}
     assert set(document.gltf.extensionsUsed) >= {"EXT_of_mesh", "EXT_of_node"}
     assert "KHR_mesh_quantization" not in document.gltf.extensionsUsed
     assert document.gltf.extensionsRequired == ["EXT_of_mesh"]
-    document, _ = written(joined(asset), path)
+    document, _ = write_document(as_one_mesh(asset), path)
     assert "EXT_of_mesh" not in (*document.gltf.extensionsUsed, *document.gltf.extensionsRequired)
 
 
-def test_another_surface_is_on_the_largest_mesh_with_joints(path: Path) -> None:
-    document, _ = written(joined(read_asset(path)), path)
+def test_new_surface_uses_the_node_of_the_largest_skinned_mesh(path: Path) -> None:
+    document, _ = write_document(as_one_mesh(read_asset(path)), path)
     assert [number for number, node in enumerate(document.gltf.nodes) if node.mesh is not None] == [BODY]
     assert document.gltf.nodes[BODY].skin == 0
     again = read_asset(path.with_name("out.glb")).surface
@@ -241,7 +243,7 @@ def test_a_scene_without_joints_keeps_its_nodes(tmp_path: Path) -> None:
     path = tmp_path / "scene.glb"
     path.write_bytes(b"".join(made.save_to_bytes()))
     asset = read_asset(path)
-    document, notes = written(asset, path)
+    document, notes = write_document(asset, path)
     assert notes == ()
     assert [node.mesh for node in document.gltf.nodes] == [None, 0, 1]
     for mesh, shape in zip(document.gltf.meshes, shapes, strict=True):
@@ -256,30 +258,30 @@ def test_a_scene_without_joints_keeps_its_nodes(tmp_path: Path) -> None:
     )
     # Another surface is placed in the frame of the node.
     other = Surface(3 * asset.surface.vertices[:60], asset.surface.triangles[: len(shapes[0].triangles)])
-    written(replace(asset, surface=other, attributes=(), nodes=()), path)
+    write_document(replace(asset, surface=other, attributes=(), nodes=()), path)
     np.testing.assert_allclose(read_asset(path.with_name("out.glb")).surface.vertices, other.vertices, atol=1e-4)
 
 
-def test_a_skin_that_no_mesh_uses_is_kept(path: Path) -> None:
+def test_unused_skin_is_kept(path: Path) -> None:
     tree = tree_of(path)
     tree["skins"].insert(0, {"name": "Spare", "joints": [3, 4], "inverseBindMatrices": None})
     del tree["skins"][0]["inverseBindMatrices"]
     tree["nodes"][BODY]["skin"], tree["nodes"][FACE]["skin"] = 1, 2
-    document, _ = written(changed(path, skins=tree["skins"], nodes=tree["nodes"]), path)
+    document, _ = write_document(read_with_tables(path, skins=tree["skins"], nodes=tree["nodes"]), path)
     assert [skin.name for skin in document.gltf.skins] == ["Spare", "Torso", "Skull"]
     assert [document.gltf.nodes[node].skin for node in (BODY, FACE, HAT)] == [1, 2, None]
     assert document.gltf.skins[2].skeleton == document.gltf.skins[2].joints[0]
     assert document.gltf.skins[2].extras == {"of": "Skull"}
 
 
-def test_a_vertex_without_weights_adds_its_joint_to_the_skin(path: Path) -> None:
+def test_vertex_bound_to_a_foreign_joint_adds_it_to_the_skin(path: Path) -> None:
     asset = read_asset(path)
     assert asset.skin is not None
     weights = asset.skin.weights.toarray()
     hips = asset.skin.names.index("J_hips")
     weights[200] = np.eye(len(asset.skin.names))[hips]
     changed_skin = replace(asset.skin, weights=type(asset.skin.weights)(weights))
-    document, _ = written(replace(asset, skin=changed_skin), path)
+    document, _ = write_document(replace(asset, skin=changed_skin), path)
     again = read_asset(path.with_name("out.glb"))
     assert len(document.gltf.skins[1].joints) == 3
     assert document.gltf.skins[1].skeleton is None  # the head is not above the hips
@@ -288,9 +290,9 @@ def test_a_vertex_without_weights_adds_its_joint_to_the_skin(path: Path) -> None
     assert again.skin.weights.toarray()[at].argmax() == again.skin.names.index("J_hips")
 
 
-def test_weights_that_are_not_those_of_the_morph_targets_are_left_out(path: Path) -> None:
+def test_animated_weights_of_wrong_length_are_left_out(path: Path) -> None:
     tree = tree_of(path)
     tree["accessors"][tree["animations"][0]["samplers"][0]["output"]]["count"] = 3
-    document, notes = written(with_key_first(changed(path, accessors=tree["accessors"])), path)
+    document, notes = write_document(with_key_first(read_with_tables(path, accessors=tree["accessors"])), path)
     assert notes == ("Animations of materials or morph targets that are gone were left out.",)
     assert document.gltf.animations == []

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Renamed morph targets keep the animation that weighs them by number."""
+"""Renaming morph targets keeps animations, which refer to them by number."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SPLIT = ("browInnerUp_L", "browInnerUp_R", "jawOpen")
 
 
 def with_keys(asset: Asset) -> Asset:
-    """An asset with the keys of a face, each the first of its own."""
+    """An asset with the keys of a face, each a copy of its first key."""
     offsets = asset.find(SHAPE_KEYS)
     assert offsets is not None
     values = np.repeat(offsets.values[:, :1], len(SPLIT), axis=1)
@@ -26,7 +26,7 @@ def with_keys(asset: Asset) -> Asset:
     return replace(asset, attributes=(*attributes, replace(offsets, values=values, labels=SPLIT)))
 
 
-def test_no_key_is_added_beside_an_animation(tmp_path: Path) -> None:
+def test_no_key_is_added_to_an_animated_asset(tmp_path: Path) -> None:
     write_tube(tmp_path / "tube.glb")
     animated = with_keys(read_asset(tmp_path / "tube.glb"))
     renamed, keys, notes = rename_keys(animated, "arkit")

@@ -49,12 +49,12 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def coarse(folder: Path) -> tuple[Asset, Level]:
-    """The last level, whose few vertices are fast, and its own level."""
+    """The last level, which is small enough to be fast, and a level made from it."""
     source = read_asset(folder / "levels" / "character_LOD2.glb")
     return source, make_lods(source, [0.4])[0]
 
 
-def test_levels_have_all_data_and_the_shares_of_vertices(folder: Path) -> None:
+def test_levels_have_all_data_and_the_requested_vertex_counts(folder: Path) -> None:
     source = read_asset(folder / "character.glb")
     for number, ratio in enumerate((1.0, *RATIOS)):
         level = read_asset(folder / "levels" / f"character_LOD{number}.glb")
@@ -99,7 +99,7 @@ def test_textures_do_not_slip(folder: Path) -> None:
     source = at_rest(read_asset(folder / "levels" / "character_LOD2.glb"))
 
     def slip() -> float:
-        """How far a level's texture coordinates are, on average, from those of the asset at the same place."""
+        """Median distance of a level's texture coordinates from those of the asset at the same place."""
         level = make_lods(source, [0.4])[0].asset
         surfaces = [each.surface for each in (source, level)]
         charts = [each.find("uv 0").values[each.surface.triangle_corners] for each in (source, level)]
@@ -113,7 +113,7 @@ def test_textures_do_not_slip(folder: Path) -> None:
         assert slip() > 1.5 * own
 
 
-def test_seams_and_borders_of_materials_stay_on_those_of_the_mesh(coarse: tuple[Asset, Level]) -> None:
+def test_seams_and_material_borders_stay_on_those_of_the_mesh(coarse: tuple[Asset, Level]) -> None:
     source, made = coarse
     corners = [
         {tuple(row) for row in np.column_stack([vertex, uv])}
@@ -123,11 +123,11 @@ def test_seams_and_borders_of_materials_stay_on_those_of_the_mesh(coarse: tuple[
         )
     ]
     assert corners[1] <= corners[0]
-    seams = [several(rows) for rows in corners]
+    seams = [repeated_vertices(rows) for rows in corners]
     assert seams[1] <= seams[0]
     assert len(seams[1]) > 20
     borders = [
-        several(set(zip(vertex, np.repeat(asset.find("materials").values, 3), strict=True)))
+        repeated_vertices(set(zip(vertex, np.repeat(asset.find("materials").values, 3), strict=True)))
         for asset, vertex in (
             (source, source.surface.corner_vertex),
             (made.asset, vertices_of(made)[made.asset.surface.corner_vertex]),
@@ -144,8 +144,8 @@ def vertices_of(level: Level) -> np.ndarray:
     return np.asarray(found.source_triangles[found.triangle, at])
 
 
-def several(rows: set[tuple]) -> set[int]:
-    """The vertices, first in each row, of several rows."""
+def repeated_vertices(rows: set[tuple]) -> set[int]:
+    """The vertices, first in each row, that occur in more than one row."""
     vertex, count = np.unique([row[0] for row in rows], return_counts=True)
     return set(vertex[count > 1].tolist())
 
@@ -164,7 +164,7 @@ def test_symmetric_meshes_stay_symmetric() -> None:
     assert (pairs >= 0).mean() > 0.95
 
 
-def test_meshes_stay_on_their_nodes_and_each_keeps_faces(tmp_path: Path) -> None:
+def test_levels_keep_their_objects_and_nodes(tmp_path: Path) -> None:
     write_tube(tmp_path / "tube.glb")
     source = read_asset(tmp_path / "tube.glb")
     made = make_lods(source, [0.4])[0].asset
@@ -184,7 +184,7 @@ def test_levels_can_be_updated(folder: Path, tmp_path: Path) -> None:
     assert np.linalg.norm(places - level.skin.rest, axis=1).max() < 0.02 * np.ptp(source.skin.rest, axis=0).max()
 
 
-def test_a_level_takes_nothing_from_another_layer() -> None:
+def test_level_takes_no_data_from_a_nearby_layer() -> None:
     """A shell just outside another one, whose vertices have the other colour."""
     inner = creature(2000).surface
     normals = inner.vertices / np.linalg.norm(inner.vertices, axis=1)[:, None]
@@ -204,7 +204,7 @@ def test_a_level_takes_nothing_from_another_layer() -> None:
     assert (red[triangles] == red[triangles][:, :1]).all()
 
 
-def test_normals_face_as_their_triangles() -> None:
+def test_normals_agree_with_their_triangles() -> None:
     surface = creature(2000, bend=0.5).surface
     flat = unit_vectors(area_normals(surface.vertices, surface.triangles))
     normals = Attribute(NORMALS, Domain.CORNER, Kind.NORMAL, np.repeat(flat, 3, axis=0))
@@ -216,7 +216,7 @@ def test_normals_face_as_their_triangles() -> None:
     assert cosine.min() > 0.2
 
 
-def test_parts_that_are_close_to_each_other_are_fitted_independently() -> None:
+def test_nearby_parts_are_fitted_independently() -> None:
     inner = creature(2000).surface
     extent, count = np.ptp(inner.vertices, axis=0).max(), len(inner.vertices)
     outer = inner.vertices + 0.002 * extent * inner.vertices / np.linalg.norm(inner.vertices, axis=1)[:, None]
@@ -233,7 +233,7 @@ def test_parts_that_are_close_to_each_other_are_fitted_independently() -> None:
 
 
 @pytest.mark.parametrize("bend", [0.0, 0.7])
-def test_keys_stay_alive_and_posed_files_are_taken_to_rest(tmp_path: Path, bend: float) -> None:
+def test_shape_keys_are_kept_and_posed_files_are_taken_to_rest(tmp_path: Path, bend: float) -> None:
     write_tube(tmp_path / "tube.glb", bend=bend)
     source = read_asset(tmp_path / "tube.glb")
     (made,) = make_lods(source, [0.6])
@@ -280,7 +280,7 @@ def skin_of(weights: csr_array, bones: np.ndarray, surface: zo.Surface) -> Skin:
         (("--format", "ply", "--keep-map"), 2, "--keep-map needs files in glTF"),
     ],
 )
-def test_what_cannot_be_made_is_said_in_a_sentence(
+def test_invalid_options_are_reported(
     folder: Path, tmp_path: Path, options: tuple[str, ...], code: int, sentence: str
 ) -> None:
     ended, said = run("lods", folder / "character.glb", "-o", tmp_path / "out", *options)
@@ -289,7 +289,7 @@ def test_what_cannot_be_made_is_said_in_a_sentence(
     assert not (tmp_path / "out").exists()
 
 
-def test_files_of_which_only_the_shape_is_read_are_refused(tmp_path: Path) -> None:
+def test_files_read_only_as_shapes_are_refused(tmp_path: Path) -> None:
     (tmp_path / "hero.blend").touch()
     code, said = run("lods", tmp_path / "hero.blend", "-o", tmp_path / "levels")
     assert code == 1

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The joints of a skin move into a mesh of another build, which then plays the source's animations."""
+"""The joints of a skin move into a mesh of other proportions, which then plays the source's animations."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 import pygltflib
 import pytest
 from skinned_tubes import LENGTH, weights_of, write_tube
-from test_transfer_asset import bent, finer_tube, matched
+from test_transfer_asset import bend_points, finer_tube, match_at_rest
 
 from zoomout_core.assets.asset import WEIGHTS, Asset
 from zoomout_core.assets.check_rig import check_rig
@@ -22,7 +22,7 @@ from zoomout_core.assets.transfer_asset import transfer_asset
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.transfer.rigging.skinning import blend_matrices, transform_points
 
-# The build of the target: longer and thinner.
+# The proportions of the target: longer and thinner.
 BUILD = np.array([0.8, 1.5, 0.8])
 SCALE = 0.1
 UPPER = 2
@@ -37,7 +37,7 @@ def source(tmp_path: Path) -> Asset:
 def move(source: Asset, seen: np.ndarray, path: Path, **options: Any) -> Asset:
     """Transfer to a target of other triangles at positions (n, 3), with its rig, and read the written file."""
     made = finer_tube()
-    match = matched(source, made.vertices / SCALE)
+    match = match_at_rest(source, made.vertices / SCALE)
     written = transfer_asset(source, Asset(made.with_vertices(seen)), match, move_rig=True, **options).asset
     write_asset(written, path)
     return read_asset(path)
@@ -70,7 +70,7 @@ def nearest_distances(found: np.ndarray, truth: np.ndarray) -> np.ndarray:
     return np.linalg.norm(found[:, None] - truth, axis=2).min(axis=1)
 
 
-def test_joints_move_into_the_build_and_vertices_stay(source: Asset, tmp_path: Path) -> None:
+def test_joints_fit_the_target_and_vertices_stay(source: Asset, tmp_path: Path) -> None:
     seen = finer_tube().vertices * BUILD
     again = move(source, seen, tmp_path / "out.glb")
     np.testing.assert_allclose(heights_of_joints(again), [0, 0.5 * 1.5 * LENGTH], atol=0.03 * LENGTH)
@@ -92,7 +92,7 @@ def test_animations_play_about_the_moved_joints(source: Asset, tmp_path: Path) -
 
 def test_animations_are_compared_with_those_of_the_source(source: Asset) -> None:
     made = finer_tube()
-    match = matched(source, made.vertices / SCALE)
+    match = match_at_rest(source, made.vertices / SCALE)
     target = Asset(made.with_vertices(made.vertices * BUILD))
     still = transfer_asset(source, target, match, [WEIGHTS])
     moved = transfer_asset(source, target, match, [WEIGHTS], move_rig=True)
@@ -107,7 +107,7 @@ def test_animations_are_compared_with_those_of_the_source(source: Asset) -> None
 
 
 def test_a_posed_target_keeps_its_size_and_is_taken_to_rest(source: Asset, tmp_path: Path) -> None:
-    seen = 2 * bent(finer_tube().vertices, -0.4) + [5, 1, 0]
+    seen = 2 * bend_points(finer_tube().vertices, -0.4) + [5, 1, 0]
     again = move(source, seen, tmp_path / "out.glb")
     np.testing.assert_allclose(heights_of_joints(again), [0, LENGTH], atol=0.06 * LENGTH)
     truth = 2 * finer_tube().vertices
@@ -115,7 +115,7 @@ def test_a_posed_target_keeps_its_size_and_is_taken_to_rest(source: Asset, tmp_p
 
 
 @pytest.mark.parametrize("interpolation", ["LINEAR", CUBIC])
-def test_translations_scale_with_the_size(tmp_path: Path, interpolation: str) -> None:
+def test_animated_translations_scale_with_the_target(tmp_path: Path, interpolation: str) -> None:
     write_tube(tmp_path / "tube.glb", SCALE)
     document = Document(tmp_path / "tube.glb")
     (animation,) = document.gltf.animations
@@ -140,14 +140,12 @@ def test_translations_scale_with_the_size(tmp_path: Path, interpolation: str) ->
 
 
 @pytest.mark.parametrize("is_vrm_0", [False, True])
-def test_joints_turn_with_the_surface_unless_an_avatar_forbids_it(
-    source: Asset, tmp_path: Path, is_vrm_0: bool
-) -> None:
+def test_joints_rotate_with_the_surface_except_in_vrm_0(source: Asset, tmp_path: Path, is_vrm_0: bool) -> None:
     if is_vrm_0:
         source.document.gltf.extensions = {VRM_0: {}}
     made = finer_tube()
-    match = matched(source, made.vertices / SCALE)
-    target = Asset(made.with_vertices(bent(made.vertices, 0.2)))
+    match = match_at_rest(source, made.vertices / SCALE)
+    target = Asset(made.with_vertices(bend_points(made.vertices, 0.2)))
     skin = transfer_asset(source, target, match, [WEIGHTS], "keep shape", move_rig=True).asset.skin
     lower, upper = np.linalg.inv(skin.inverse_bind)[:, :3, :3]
     assert (np.abs(upper - lower).max() < 0.02) == is_vrm_0
@@ -168,22 +166,22 @@ def test_nodes_between_joints_keep_their_transforms(tmp_path: Path) -> None:
     assert nearest_distances(again.surface.vertices, finer_tube().vertices * BUILD).max() < 0.02 * LENGTH
 
 
-def test_the_source_stays_as_it_is(source: Asset, tmp_path: Path) -> None:
+def test_source_is_not_modified(source: Asset, tmp_path: Path) -> None:
     before = source.document.gltf.to_json()
     move(source, finer_tube().vertices * BUILD, tmp_path / "out.glb")
     assert source.document.gltf.to_json() == before
 
 
-def test_a_skin_without_a_document_moves(source: Asset) -> None:
+def test_skin_without_a_document_can_be_moved(source: Asset) -> None:
     alone = replace(source, document=None, nodes=(), look=None)
     made = finer_tube()
-    match = matched(source, made.vertices / SCALE)
+    match = match_at_rest(source, made.vertices / SCALE)
     moved = transfer_asset(alone, Asset(made.with_vertices(made.vertices * BUILD)), match, move_rig=True).asset
     np.testing.assert_allclose(heights_of_joints(moved), [0, 0.5 * 1.5 * LENGTH], atol=0.03 * LENGTH)
 
 
 def test_a_source_without_joints_is_refused(source: Asset) -> None:
     made = finer_tube()
-    match = matched(source, made.vertices / SCALE)
+    match = match_at_rest(source, made.vertices / SCALE)
     with pytest.raises(MeshError, match="no joints to move"):
         transfer_asset(replace(source, skin=None), Asset(made), match, move_rig=True)

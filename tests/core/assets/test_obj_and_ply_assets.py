@@ -33,7 +33,7 @@ def made() -> Asset:
 
 
 @pytest.mark.parametrize("ending", [".obj", ".ply"])
-def test_what_is_written_is_read_again(tmp_path: Path, made: Asset, ending: str) -> None:
+def test_obj_and_ply_round_trips_keep_data(tmp_path: Path, made: Asset, ending: str) -> None:
     notes = write_asset(made, tmp_path / f"a{ending}")
     again = read_asset(tmp_path / f"a{ending}")
     order = [1, 0] if ending == ".obj" else [0, 1]  # OBJ groups faces by material
@@ -52,14 +52,14 @@ def test_what_is_written_is_read_again(tmp_path: Path, made: Asset, ending: str)
         assert notes == ("PLY files cannot store materials, which were left out: write a .glb file to keep them.",)
 
 
-def test_what_obj_cannot_hold_is_said(tmp_path: Path) -> None:
+def test_data_that_obj_cannot_store_is_reported(tmp_path: Path) -> None:
     write_tube(tmp_path / "tube.glb")
     (note,) = write_asset(read_asset(tmp_path / "tube.glb"), tmp_path / "tube.obj")
     assert note.startswith("OBJ files cannot store skin weights or shape keys, which were left out")
     assert (tmp_path / "tube_0.png").read_bytes() == PNG
 
 
-def test_obj_is_read_backwards_and_without_coordinates_at_some_corners(tmp_path: Path) -> None:
+def test_obj_with_negative_indices_and_missing_uvs_is_read(tmp_path: Path) -> None:
     text = "mtllib none.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0.25 0.5\nusemtl a b\nf -3/-1 2 3/1\nf 3 2 1\n"
     (tmp_path / "a.obj").write_text(text)
     asset = read_asset(tmp_path / "a.obj")
@@ -69,7 +69,7 @@ def test_obj_is_read_backwards_and_without_coordinates_at_some_corners(tmp_path:
     assert asset.materials == (Material("a b"),)
 
 
-def test_obj_may_have_comments_and_long_lines_anywhere(tmp_path: Path) -> None:
+def test_obj_with_comments_and_continued_lines_is_read(tmp_path: Path) -> None:
     text = "v 0 0 0 # first\nv 1 0 0\n\tv  0 1 \\\n0\nvt .5 .5 # place\nusemtl  a  b # paint\nf 1/1 2 \\\n 3 # all\n"
     (tmp_path / "a.obj").write_text(text)
     asset = read_asset(tmp_path / "a.obj")
@@ -79,7 +79,7 @@ def test_obj_may_have_comments_and_long_lines_anywhere(tmp_path: Path) -> None:
     assert asset.materials == (Material("a b"),)
 
 
-def test_ply_coordinates_of_vertices_are_those_of_their_corners(tmp_path: Path) -> None:
+def test_ply_vertex_uvs_become_corner_uvs(tmp_path: Path) -> None:
     header = "ply\nformat ascii 1.0\nelement vertex 3\n" + "".join(f"property float {name}\n" for name in "xyzst")
     header += "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
     (tmp_path / "a.ply").write_text(header + "0 0 0 .1 .2\n1 0 0 .3 .4\n0 1 0 .5 .6\n3 2 0 1\n")
@@ -88,7 +88,7 @@ def test_ply_coordinates_of_vertices_are_those_of_their_corners(tmp_path: Path) 
     np.testing.assert_allclose(uv.values, [[0.5, 0.6], [0.1, 0.2], [0.3, 0.4]])
 
 
-def test_colors_for_a_screen_and_back(made: Asset) -> None:
+def test_colors_convert_to_srgb_and_back(made: Asset) -> None:
     linear = np.linspace(0, 1, 30).reshape(10, 3)
     np.testing.assert_allclose(from_srgb(to_srgb(linear)), linear, atol=1e-7)
     np.testing.assert_allclose(to_srgb(np.full((1, 3), 0.214)), 0.5, atol=1e-3)
@@ -96,7 +96,7 @@ def test_colors_for_a_screen_and_back(made: Asset) -> None:
     np.testing.assert_allclose(on_points(of_corners, made.surface).ravel(), [0, 0.5, 0.5, 0, 1])
 
 
-def test_formats_and_files_that_cannot_be_written_are_said_and_nothing_is_lost(tmp_path: Path, made: Asset) -> None:
+def test_unsupported_formats_and_missing_folders_are_refused(tmp_path: Path, made: Asset) -> None:
     with pytest.raises(MeshError, match=r"has no supported file extension: use \.glb"):
         write_asset(made, tmp_path / "a.fbx")
     with pytest.raises(OutputError):

@@ -53,7 +53,7 @@ def test_translations_are_interpolated(document: Document, interpolation: str | 
     np.testing.assert_allclose(places, [0, 0, halfway, 2, 2], atol=1e-6)
 
 
-def test_rotations_turn_evenly_along_the_shorter_way(document: Document) -> None:
+def test_rotations_are_interpolated_along_the_shorter_arc(document: Document) -> None:
     angle = np.radians(80)  # of half the turn
     animate(document, "rotation", [[0, 0, 0, 1], [0, 0, -np.sin(angle), -np.cos(angle)]], "LINEAR")
     turned = local(document, 0.5)[0]

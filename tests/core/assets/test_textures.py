@@ -70,7 +70,7 @@ def test_an_image_keeps_its_type(name: str, tmp_path: Path) -> None:
     assert read_asset(tmp_path / "again.obj").materials[0].image == content
 
 
-def test_an_image_for_all_programs_comes_first_and_both_are_kept(tmp_path: Path) -> None:
+def test_png_fallback_is_preferred_and_both_images_are_kept(tmp_path: Path) -> None:
     texture = {"source": 1, "extensions": {"EXT_texture_webp": {"source": 0}}}
     path = write_textured(tmp_path, {"a.webp": WEBP, "a.png": PNG}, texture)
     asset = read_asset(path)
@@ -92,7 +92,7 @@ def test_an_image_for_all_programs_comes_first_and_both_are_kept(tmp_path: Path)
 @pytest.mark.parametrize(
     ("content", "kept"), [(PNG, True), (JPEG, True), (WEBP, True), (KTX2, True), (TGA, False), (BMP, False)]
 )
-def test_images_of_obj_files_are_kept_or_said(content: bytes, kept: bool, tmp_path: Path) -> None:
+def test_images_of_obj_files_are_kept_or_reported(content: bytes, kept: bool, tmp_path: Path) -> None:
     surface = Surface([[0.0, 0, 0], [1, 0, 0], [1, 1, 0]], [[0, 1, 2]])
     materials = (Material("Red", (1, 0, 0, 1), content),)
     asset = Asset(surface, (material_numbers(np.zeros(1, dtype=int)),), materials)
@@ -114,12 +114,12 @@ def test_images_of_obj_files_are_kept_or_said(content: bytes, kept: bool, tmp_pa
         assert "images" not in tree_of(tmp_path / "a.glb")
 
 
-def test_what_is_no_image_has_no_type() -> None:
+def test_other_content_has_no_image_type() -> None:
     for content in (b"", b"root:x:0:0:", b"password", bytes(100), b"RIFF", b"solid a"):
         assert image_type(content) is None
 
 
-def test_an_image_that_is_missing_leaves_the_others(tmp_path: Path) -> None:
+def test_missing_image_does_not_affect_the_others(tmp_path: Path) -> None:
     path = write_textured(tmp_path, {"a.png": PNG, "b.png": PNG}, {"source": 1})
     (tmp_path / "a.png").unlink()
     asset = read_asset(path)
@@ -151,7 +151,7 @@ def with_variants(path: Path, mappings: list[Any], materials: list[int]) -> None
     path.write_bytes(b"glTF\x02\0\0\0" + (12 + len(chunks)).to_bytes(4, "little") + chunks)
 
 
-def test_variants_and_free_data_are_kept(tmp_path: Path) -> None:
+def test_material_variants_and_extras_are_kept(tmp_path: Path) -> None:
     with_variants(tmp_path / "a.glb", [1, None], [0, 1])
     asset = read_asset(tmp_path / "a.glb")
     assert write_asset(asset, tmp_path / "b.glb") == ()
@@ -162,13 +162,13 @@ def test_variants_and_free_data_are_kept(tmp_path: Path) -> None:
     assert tree["asset"]["generator"] == f"ZoomOut Transfer {package_version()}"
 
 
-def test_variants_that_differ_within_a_material_are_said(tmp_path: Path) -> None:
+def test_variants_that_differ_within_a_material_are_reported(tmp_path: Path) -> None:
     with_variants(tmp_path / "a.glb", [1, None], [0, 0])
     (note,) = write_asset(read_asset(tmp_path / "a.glb"), tmp_path / "b.glb")
     assert note.startswith("Some parts with the same material have different material variants")
 
 
-def test_variants_of_other_materials_go(tmp_path: Path) -> None:
+def test_variants_are_dropped_if_materials_are_replaced(tmp_path: Path) -> None:
     with_variants(tmp_path / "a.glb", [1, None], [0, 1])
     asset = replace(read_asset(tmp_path / "a.glb"), materials=(Material("A"), Material("B")))
     assert write_asset(asset, tmp_path / "b.glb") == ()
@@ -176,7 +176,7 @@ def test_variants_of_other_materials_go(tmp_path: Path) -> None:
     assert VARIANTS not in json.dumps(tree)
 
 
-def test_free_data_of_parts_is_kept_unless_they_are_joined(tmp_path: Path) -> None:
+def test_extras_of_primitives_are_kept_unless_joined(tmp_path: Path) -> None:
     for name, materials in (("a", [0, 1]), ("b", [0, 0])):
         with_variants(tmp_path / f"{name}.glb", [1, 1], materials)
         asset = read_asset(tmp_path / f"{name}.glb")
@@ -194,7 +194,7 @@ def test_free_data_of_parts_is_kept_unless_they_are_joined(tmp_path: Path) -> No
             assert kept == [None]
 
 
-def test_copies_by_an_extension_stay_with_their_mesh(tmp_path: Path) -> None:
+def test_gpu_instances_stay_with_their_mesh(tmp_path: Path) -> None:
     path = write_textured(tmp_path, {"a.png": PNG}, {"source": 0})
     tree = json.loads(path.read_text())
     (node,) = [node for node in tree["nodes"] if "mesh" in node]

@@ -30,7 +30,7 @@ def finer_tube() -> Surface:
     return Surface(positions[first], number.ravel()[triangles])
 
 
-def matched(source: Asset, at_rest: np.ndarray) -> Any:
+def match_at_rest(source: Asset, at_rest: np.ndarray) -> Any:
     """A match of points at rest to their closest points on the source, with full confidence."""
     assert source.skin is not None
     triangles = source.surface.triangles
@@ -38,7 +38,7 @@ def matched(source: Asset, at_rest: np.ndarray) -> Any:
     return SimpleNamespace(surface_map=surface_map, confidence=np.ones(len(at_rest)), has_partner=None)
 
 
-def bent(points: np.ndarray, angle: float) -> np.ndarray:
+def bend_points(points: np.ndarray, angle: float) -> np.ndarray:
     """Pose points by the two joints; the upper one rotates about z."""
     turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
     joint = np.array([0, LENGTH / 2, 0])
@@ -47,12 +47,16 @@ def bent(points: np.ndarray, angle: float) -> np.ndarray:
 
 
 @pytest.mark.parametrize("stands", ["as the source", "bent otherwise, elsewhere"])
-def test_a_target_moves_as_the_source_does(tmp_path: Path, stands: str) -> None:
+def test_target_moves_like_the_source(tmp_path: Path, stands: str) -> None:
     write_tube(tmp_path / "tube.glb", 0.1, bend=0.7, parts=2)
     source, made = read_asset(tmp_path / "tube.glb"), finer_tube()
     assert source.skin is not None
-    seen = bent(made.vertices, 0.7) if stands == "as the source" else 2 * bent(made.vertices, -0.4) + [5, 1, 0]
-    match = matched(source, 10 * made.vertices)
+    seen = (
+        bend_points(made.vertices, 0.7)
+        if stands == "as the source"
+        else 2 * bend_points(made.vertices, -0.4) + [5, 1, 0]
+    )
+    match = match_at_rest(source, 10 * made.vertices)
     carried = transfer_asset(source, Asset(made.with_vertices(seen)), match)
     write_asset(carried.asset, tmp_path / "out.glb")
     again = read_asset(tmp_path / "out.glb")
@@ -72,45 +76,45 @@ def test_a_target_moves_as_the_source_does(tmp_path: Path, stands: str) -> None:
     np.testing.assert_allclose(keys.values[low, 0, 0], again.skin.rest[low, 1] / 10 / LENGTH, atol=0.05)
 
 
-def test_limbs_in_another_pose_count_by_their_area_however_few_vertices_they_have() -> None:
+def test_limbs_in_another_pose_are_weighted_by_area() -> None:
     source, made = samples.character(2000), samples.creature(1500, 1)
     made = samples.Creature(made.surface.with_vertices(made.surface.vertices @ samples.UPRIGHT.T), made.directions)
     target = samples.in_stance(made)
     limbs = samples.limb_weights(made.directions)[:, 0] < 0.5
     assert limbs.mean() < 0.1 < target.share_of_area(limbs)
-    match = matched(source, made.surface.vertices)
+    match = match_at_rest(source, made.surface.vertices)
     carried = transfer_asset(source, Asset(target), match, ("weights",))
     assert "moved to the rest pose" in " ".join(carried.notes)
 
 
-def test_what_the_target_has_of_another_kind_stays(tmp_path: Path) -> None:
+def test_target_keeps_data_of_other_kinds(tmp_path: Path) -> None:
     write_tube(tmp_path / "tube.glb")
     source, made = read_asset(tmp_path / "tube.glb"), finer_tube()
     own = Attribute("color 0", Domain.POINT, Kind.COLOR, np.full((len(made.vertices), 4), 0.25))
     old = Attribute("uv 1", Domain.CORNER, Kind.UV, np.zeros((len(made.corner_vertex), 2)))
-    carried = transfer_asset(source, Asset(made, (own, old)), matched(source, made.vertices), ["uv"])
+    carried = transfer_asset(source, Asset(made, (own, old)), match_at_rest(source, made.vertices), ["uv"])
     assert [each.name for each in carried.asset.attributes] == ["color 0", "uv 0"]
     assert carried.asset.skin is None
     assert carried.asset.materials == ()
     assert carried.received == ("uv 0",)
     with pytest.raises(MeshError, match="The source has no color: check which file is the source"):
-        transfer_asset(source, Asset(made), matched(source, made.vertices), ["color"])
+        transfer_asset(source, Asset(made), match_at_rest(source, made.vertices), ["color"])
 
 
-def test_what_takes_the_place_of_the_target_s_own_data_is_noted(tmp_path: Path) -> None:
+def test_replaced_data_of_the_target_is_reported(tmp_path: Path) -> None:
     write_tube(tmp_path / "tube.glb", parts=2)
     source = read_asset(tmp_path / "tube.glb")
     assert source.skin is not None
-    match = matched(source, source.skin.rest)
+    match = match_at_rest(source, source.skin.rest)
     replaced = transfer_asset(source, source, match)
     assert "The target's own 2 materials, 2 joints, 1 animation were replaced." in replaced.notes
     assert not any("replaced" in note for note in transfer_asset(source, source, match, ["uv"]).notes)
 
 
-def test_materials_that_are_not_carried_do_not_come_with_the_document(tmp_path: Path) -> None:
+def test_unselected_materials_are_not_copied(tmp_path: Path) -> None:
     write_tube(tmp_path / "tube.glb")
     source, made = read_asset(tmp_path / "tube.glb"), finer_tube()
-    carried = transfer_asset(source, Asset(made), matched(source, made.vertices), ["uv", "weights"])
+    carried = transfer_asset(source, Asset(made), match_at_rest(source, made.vertices), ["uv", "weights"])
     write_asset(carried.asset, tmp_path / "out.glb")
     again = read_asset(tmp_path / "out.glb")
     assert again.materials == ()
@@ -118,14 +122,14 @@ def test_materials_that_are_not_carried_do_not_come_with_the_document(tmp_path: 
     assert PNG not in (tmp_path / "out.glb").read_bytes()
 
 
-def test_materials_come_in_full_and_nodes_of_the_target_stay(tmp_path: Path) -> None:
+def test_materials_are_copied_in_full_and_target_nodes_kept(tmp_path: Path) -> None:
     for name in ("source", "target"):
         write_tube(tmp_path / f"{name}.glb", parts=2)
     source, target = read_asset(tmp_path / "source.glb"), read_asset(tmp_path / "target.glb")
     assert source.document is not None
     source.document.gltf.materials[1].doubleSided = True
     source.document.gltf.materials[1].pbrMetallicRoughness.roughnessFactor = 0.25
-    carried = transfer_asset(source, target, matched(source, target.surface.vertices), ["materials"])
+    carried = transfer_asset(source, target, match_at_rest(source, target.surface.vertices), ["materials"])
     write_asset(carried.asset, tmp_path / "out.glb")
     again = read_asset(tmp_path / "out.glb")
     assert again.document is not None
@@ -135,7 +139,9 @@ def test_materials_come_in_full_and_nodes_of_the_target_stay(tmp_path: Path) -> 
     assert [node.name for node in again.document.gltf.nodes] == ["Armature", "Lower", "Upper", "Tube"]
     assert again.document.gltf.animations != []
     # A target without nodes receives none.
-    carried = transfer_asset(source, Asset(target.surface), matched(source, target.surface.vertices), ["materials"])
+    carried = transfer_asset(
+        source, Asset(target.surface), match_at_rest(source, target.surface.vertices), ["materials"]
+    )
     write_asset(carried.asset, tmp_path / "out.glb")
     plain = read_asset(tmp_path / "out.glb").document
     assert plain is not None
@@ -143,7 +149,7 @@ def test_materials_come_in_full_and_nodes_of_the_target_stay(tmp_path: Path) -> 
     assert len(plain.gltf.nodes) == 1
 
 
-def test_shape_keys_of_other_names_stay(tmp_path: Path) -> None:
+def test_target_shape_keys_of_other_names_are_kept(tmp_path: Path) -> None:
     write_tube(tmp_path / "tube.glb")
     target = read_asset(tmp_path / "tube.glb")
     offsets = np.full((len(target.surface.vertices), 2, 3), 0.5)
@@ -161,7 +167,7 @@ def test_shape_keys_of_other_names_stay(tmp_path: Path) -> None:
     assert transfer_asset(source, Asset(target.surface), match).asset.find(SHAPE_KEYS).labels == ("Grow", "Lean")  # type: ignore[union-attr]
 
 
-def test_joints_and_materials_of_the_target_stay_where_none_are_carried(tmp_path: Path) -> None:
+def test_target_keeps_joints_and_materials_if_the_source_has_none(tmp_path: Path) -> None:
     write_tube(tmp_path / "tube.glb", 0.1, bend=0.5)
     target, made = read_asset(tmp_path / "tube.glb"), finer_tube()
     assert target.skin is not None

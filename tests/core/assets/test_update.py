@@ -77,7 +77,7 @@ def edit(old: Asset) -> Asset:
     return replace(old, attributes=tuple(attributes), skin=replace(old.skin, weights=csr_array(weights)))
 
 
-def test_changes_arrive_as_a_new_transfer_brings_them_and_the_rest_stays(made: Path, tmp_path: Path) -> None:
+def test_update_transfers_changes_and_keeps_the_rest(made: Path, tmp_path: Path) -> None:
     old = read_asset(made / "old.glb")
     write_asset(edit(old), tmp_path / "new.glb")
     code, said = run(
@@ -143,7 +143,7 @@ def same_order(before: Asset, after: Asset) -> np.ndarray:
     return np.argmin(distance, axis=1)
 
 
-def test_the_map_survives_the_file(made: Path) -> None:
+def test_stored_map_survives_the_file(made: Path) -> None:
     old, scan = read_asset(made / "old.glb"), read_asset(made / "scan.glb")
     stored = scan.stored_map
     assert stored is not None
@@ -156,7 +156,7 @@ def test_the_map_survives_the_file(made: Path) -> None:
     assert np.linalg.norm(places - scan.skin.rest, axis=1).mean() < 0.05 * np.sqrt(rest.area)
 
 
-def test_triangles_are_found_in_another_order_and_with_split_vertices() -> None:
+def test_triangles_are_found_after_reordering_and_splitting() -> None:
     surface = creature(300).surface
     random = np.random.default_rng(0)
     order, shift = random.permutation(len(surface.triangles)), random.integers(0, 3, len(surface.triangles))
@@ -168,7 +168,7 @@ def test_triangles_are_found_in_another_order_and_with_split_vertices() -> None:
     np.testing.assert_array_equal(there, surface.vertices[surface.triangles])
 
 
-def test_what_did_not_change_is_not_transferred(made: Path, tmp_path: Path) -> None:
+def test_unchanged_data_is_not_transferred(made: Path, tmp_path: Path) -> None:
     old = read_asset(made / "old.glb")
     assert changed_kinds(old, old, ["uv", "materials", "weights", "shape keys", "color"]) == []
     code, said = run("update", made / "old.glb", made / "old.glb", made / "scan.glb", "-o", tmp_path / "out.glb")
@@ -177,7 +177,7 @@ def test_what_did_not_change_is_not_transferred(made: Path, tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize("paint", [False, True])
-def test_another_pose_of_the_file_is_no_change(paint: bool, tmp_path: Path) -> None:
+def test_pose_of_the_file_does_not_count_as_a_change(paint: bool, tmp_path: Path) -> None:
     """In the pose of the file, shape keys turn with the joints, also by new weights."""
     write_tube(tmp_path / "straight.glb")
     write_tube(tmp_path / "bent.glb", bend=1.0)
@@ -190,7 +190,7 @@ def test_another_pose_of_the_file_is_no_change(paint: bool, tmp_path: Path) -> N
     assert changed_kinds(before, now, ["uv", "shape keys", "weights"]) == (["weights"] if paint else [])
 
 
-def test_what_cannot_be_updated_is_said_in_a_sentence(made: Path, tmp_path: Path) -> None:
+def test_impossible_updates_are_reported(made: Path, tmp_path: Path) -> None:
     old = read_asset(made / "old.glb")
     write_asset(edit(old), tmp_path / "new.glb")
     code, said = run("update", made / "old.glb", tmp_path / "new.glb", made / "old.glb", "-o", tmp_path / "out.glb")

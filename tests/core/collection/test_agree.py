@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Confident matches of one source to several targets correct a doubtful one."""
+"""Confident matches of one source to several targets correct an uncertain one."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ TARGETS = {name: creature(500, seed=seed, bend=0.3 * seed, asymmetry=0.3) for se
 
 @pytest.fixture(scope="module")
 def results() -> dict[str, zo.MatchResult]:
-    return {name: sure(zo.match(SOURCE.surface, made.surface, FAST)) for name, made in TARGETS.items()}
+    return {name: make_certain(zo.match(SOURCE.surface, made.surface, FAST)) for name, made in TARGETS.items()}
 
 
-def sure(result: zo.MatchResult) -> zo.MatchResult:
+def make_certain(result: zo.MatchResult) -> zo.MatchResult:
     """The same match with the certainty of a match of finer meshes."""
     first, *others = result.candidates
     return replace(result, candidates=(replace(first, certainty=0.99), *others))
 
 
-def doubtful(result: zo.MatchResult) -> zo.MatchResult:
+def make_doubtful(result: zo.MatchResult) -> zo.MatchResult:
     """The same match with an uncertain, wrong candidate first."""
     right = result.candidates[0]
     wrong = replace(
@@ -51,15 +51,15 @@ def error(result: zo.MatchResult, made: Creature) -> float:
     return float(np.median(np.linalg.norm(images - places[true_vertex(SOURCE, made)], axis=1)))
 
 
-def test_sure_matches_are_left_as_they_are(results: dict[str, zo.MatchResult]) -> None:
+def test_confident_matches_are_unchanged(results: dict[str, zo.MatchResult]) -> None:
     assert min(result.certainty for result in results.values()) > 0.9
     assert agree(results, FAST) == results
 
 
-def test_one_that_is_unsure_takes_the_candidate_that_agrees_with_the_others(
+def test_uncertain_match_takes_the_consistent_candidate(
     results: dict[str, zo.MatchResult],
 ) -> None:
-    given = {**results, "b": doubtful(results["b"])}
+    given = {**results, "b": make_doubtful(results["b"])}
     found = agree(given, FAST)
     assert found["b"].chosen == 1
     assert "consistent with the maps of other targets" in found["b"].notes[0]
@@ -69,15 +69,15 @@ def test_one_that_is_unsure_takes_the_candidate_that_agrees_with_the_others(
 
 
 @pytest.mark.slow
-def test_where_it_has_no_such_candidate_the_map_leads_through_another_target(
+def test_match_without_consistent_candidate_maps_through_another_target(
     results: dict[str, zo.MatchResult],
 ) -> None:
-    wrong = doubtful(results["b"])
+    wrong = make_doubtful(results["b"])
     found = agree({**results, "b": replace(wrong, candidates=wrong.candidates[:1])}, FAST)
     assert "the map through" in found["b"].notes[0]
     assert error(found["b"], TARGETS["b"]) < 0.3
 
 
-def test_where_none_is_sure_there_is_nobody_to_ask(results: dict[str, zo.MatchResult]) -> None:
-    given = {name: doubtful(result) for name, result in results.items()}
+def test_nothing_changes_if_all_matches_are_uncertain(results: dict[str, zo.MatchResult]) -> None:
+    given = {name: make_doubtful(result) for name, result in results.items()}
     assert agree(given, FAST) == given

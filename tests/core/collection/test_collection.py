@@ -43,7 +43,7 @@ FAST = MatchOptions(**DETAIL["fast"])  # type: ignore[arg-type]
 POSES = {"a": (0, 0.0), "b": (1, 0.5), "c": (2, 0.8), "d": (3, 0.3)}
 
 
-def made(name: str, count: int = 700) -> Creature:
+def make_creature(name: str, count: int = 700) -> Creature:
     seed, bend = POSES[name]
     return creature(count, seed=seed, bend=bend, asymmetry=0.3)
 
@@ -53,7 +53,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Four creatures, and a broken file."""
     place = tmp_path_factory.mktemp("shapes")
     for name in POSES:
-        write_shape(made(name).surface, place / f"{name}.ply")
+        write_shape(make_creature(name).surface, place / f"{name}.ply")
     (place / "broken.off").write_text("no mesh")
     return place
 
@@ -65,24 +65,24 @@ def matched(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> zo.Collec
     return match_collection(files, output, neighbours=3, options=FAST, cache=output / "cache")
 
 
-def test_every_map_is_right_and_a_broken_file_costs_itself_alone(matched: zo.CollectionResult) -> None:
+def test_every_map_is_right_and_a_broken_file_fails_alone(matched: zo.CollectionResult) -> None:
     assert set(matched.records) == {PairName(*pair) for pair in ("ab", "ac", "ad", "bc", "bd", "cd")}
     assert list(matched.failures) == ["broken"]
     for source, target in matched.records:
-        true = true_vertex(made(source), made(target))
+        true = true_vertex(make_creature(source), make_creature(target))
         found = matched.surface_map(source, target).vertex
-        places = made(source).surface.vertices
+        places = make_creature(source).surface.vertices
         assert np.median(np.linalg.norm(places[found] - places[true], axis=1)) < 0.3
     assert matched.agreement is not None
     assert max(matched.agreement.after.values()) < 0.1
 
 
-def test_where_shapes_are_kept_otherwise_is_as_before(matched: zo.CollectionResult) -> None:
+def test_cache_folder_of_the_process_is_unchanged(matched: zo.CollectionResult) -> None:
     assert memory_cache._folder is None
     assert list((matched.folder / "cache").rglob("*.npz"))
 
 
-def test_what_is_there_is_not_made_again(matched: zo.CollectionResult, folder: Path) -> None:
+def test_existing_results_are_not_recomputed(matched: zo.CollectionResult, folder: Path) -> None:
     files = sorted(folder.glob("*.ply"))
     before = {path: path.stat().st_mtime_ns for path in matched.folder.rglob("*.npz")}
     again = match_collection(files, matched.folder, neighbours=3, options=FAST)
@@ -92,7 +92,7 @@ def test_what_is_there_is_not_made_again(matched: zo.CollectionResult, folder: P
     assert {path: path.stat().st_mtime_ns for path in matched.folder.rglob("*.npz")} == before
 
 
-def test_what_was_lost_or_damaged_is_made_again(matched: zo.CollectionResult, folder: Path) -> None:
+def test_missing_or_damaged_maps_are_recomputed(matched: zo.CollectionResult, folder: Path) -> None:
     files = sorted(folder.glob("*.ply"))
     lost, damaged = (matched.folder / place_of_map(PairName(*pair)) for pair in ("ab", "cd"))
     whole = np.load(lost)["barycentric"]
@@ -103,7 +103,7 @@ def test_what_was_lost_or_damaged_is_made_again(matched: zo.CollectionResult, fo
     assert np.array_equal(np.load(lost)["barycentric"], whole)
 
 
-def test_progress_is_told_and_a_run_that_is_cancelled_goes_on_where_it_was(
+def test_progress_is_reported_and_a_cancelled_run_resumes(
     matched: zo.CollectionResult, folder: Path, tmp_path: Path
 ) -> None:
     def listen(latest: zo.Progress) -> None:
@@ -126,7 +126,9 @@ def test_progress_is_told_and_a_run_that_is_cancelled_goes_on_where_it_was(
     assert titles == [f"Matching {number} of 2" for number in range(3)]
 
 
-def test_workers_that_see_no_files_are_sent_them(folder: Path, tmp_path: Path, matched: zo.CollectionResult) -> None:
+def test_workers_without_file_access_receive_the_files(
+    folder: Path, tmp_path: Path, matched: zo.CollectionResult
+) -> None:
     class Elsewhere(InThisProcess):
         def sees(self, paths: object) -> bool:
             return False
@@ -149,7 +151,7 @@ def test_workers_that_see_no_files_are_sent_them(folder: Path, tmp_path: Path, m
 
 
 @pytest.mark.parametrize("others", [True, False])
-def test_a_wrong_map_is_outvoted_and_what_was_chosen_stays(
+def test_wrong_map_is_replaced_and_the_choice_is_kept(
     folder: Path, matched: zo.CollectionResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, others: bool
 ) -> None:
     wrong = PairName("b", "d")
@@ -179,16 +181,16 @@ def test_a_wrong_map_is_outvoted_and_what_was_chosen_stays(
     record = found.records[wrong]
     assert (record.candidate, record.through in ("a", "c")) == ((1, False) if others else (0, True))
     if not others:  # the map through another shape is right
-        true = true_vertex(made("b"), made("d"))
-        places = made("b").surface.vertices
+        true = true_vertex(make_creature("b"), make_creature("d"))
+        places = make_creature("b").surface.vertices
         images = places[found.surface_map(*wrong).vertex]
         assert np.median(np.linalg.norm(images - places[true], axis=1)) < 0.3
     assert match_collection(files, tmp_path, pairs="all", options=FAST).matched == 0
 
 
 @pytest.mark.slow
-def test_surfaces_and_clouds_in_memory_are_matched_too() -> None:
-    shapes = {"body": made("a").surface, "cloud": PointCloud(made("b", 900).surface.vertices)}
+def test_surfaces_and_clouds_in_memory_are_matched() -> None:
+    shapes = {"body": make_creature("a").surface, "cloud": PointCloud(make_creature("b", 900).surface.vertices)}
     found = match_collection(shapes, template="body", options=FAST)
     assert list(found.records) == [PairName("body", "cloud")]
     assert len(found.surface_map("body", "cloud").vertex) == 900
@@ -203,20 +205,22 @@ def test_surfaces_and_clouds_in_memory_are_matched_too() -> None:
         ({"pairs": [("a", "x")]}, "The collection has no shape named x"),
     ],
 )
-def test_a_wrong_choice_is_refused(folder: Path, tmp_path: Path, choice: dict[str, object], said: str) -> None:
+def test_invalid_choices_of_pairs_are_refused(
+    folder: Path, tmp_path: Path, choice: dict[str, object], said: str
+) -> None:
     with pytest.raises(MeshError, match=said):
         match_collection(sorted(folder.iterdir()), tmp_path / "out", **choice)  # type: ignore[arg-type]
     assert not (tmp_path / "out").exists()
 
 
-def test_landmarks_are_of_one_pair(folder: Path, tmp_path: Path) -> None:
+def test_landmarks_need_a_single_pair(folder: Path, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="a single pair"):
         match_collection(
             sorted(folder.iterdir()), tmp_path, neighbours=2, options=MatchOptions(landmarks=([0, 1], [0, 1]))
         )
 
 
-def test_the_page_shows_every_shape_and_escapes_names(matched: zo.CollectionResult) -> None:
+def test_page_shows_every_shape(matched: zo.CollectionResult) -> None:
     page = page_of(matched, {"a": b"png"})
     for name in POSES:
         assert f"<b>{name}</b>" in page
@@ -226,7 +230,7 @@ def test_the_page_shows_every_shape_and_escapes_names(matched: zo.CollectionResu
     assert all(0 <= matched.trust(pair) <= 1 for pair in matched.records)
 
 
-def test_a_pair_has_a_verdict_from_its_faults_and_from_the_cycles_around_it(matched: zo.CollectionResult) -> None:
+def test_verdict_of_a_pair_depends_on_its_faults_and_cycles(matched: zo.CollectionResult) -> None:
     pair = PairName("a", "b")
     flawless = {"certainty": 0.99, "low_confidence": 0.0, "share_without_partner": 0.0}
     records = {each: replace(record, **flawless) for each, record in matched.records.items()}
@@ -246,10 +250,10 @@ def test_a_pair_has_a_verdict_from_its_faults_and_from_the_cycles_around_it(matc
 
 
 @pytest.mark.parametrize("force", [False, True])
-def test_nothing_is_transferred_along_a_map_that_is_probably_wrong(
+def test_unlikely_maps_transfer_nothing_unless_forced(
     matched: zo.CollectionResult, tmp_path: Path, force: bool
 ) -> None:
-    surface = made("a").surface
+    surface = make_creature("a").surface
     colors = Attribute("color 0", Domain.POINT, Kind.COLOR, np.clip(0.5 + surface.vertices, 0, 1))
     write_asset(Asset(surface, (colors,)), tmp_path / "a.glb")
     pair = PairName("a", "b")
@@ -267,7 +271,7 @@ def test_nothing_is_transferred_along_a_map_that_is_probably_wrong(
         assert "give --force" in doubted.failures["transfer to b"]
 
 
-def test_the_command_carries_a_template_onto_all_and_reports(folder: Path, tmp_path: Path) -> None:
+def test_command_transfers_a_template_to_all_and_reports(folder: Path, tmp_path: Path) -> None:
     template = creature(700, asymmetry=0.3)
     colors = np.clip(0.5 + 0.5 * template.directions, 0, 1)
     write_asset(
@@ -296,15 +300,13 @@ def test_the_command_carries_a_template_onto_all_and_reports(folder: Path, tmp_p
         (["--workers", "2", "--scheduler", "tcp://127.0.0.1:1"], "leave out --workers"),
     ],
 )
-def test_the_command_refuses_what_does_not_fit_together(
-    folder: Path, tmp_path: Path, arguments: list[str], said: str
-) -> None:
+def test_command_refuses_conflicting_options(folder: Path, tmp_path: Path, arguments: list[str], said: str) -> None:
     result = CliRunner().invoke(main, ["collection", str(folder), "-o", str(tmp_path / "out"), *arguments])
     assert result.exit_code == (1 if "--output" in arguments else 2)
     assert said in result.stderr
 
 
-def test_notes_on_a_pair_list_the_parts_of_its_source_by_their_names(tmp_path: Path) -> None:
+def test_notes_of_a_pair_list_parts_of_the_source_by_name(tmp_path: Path) -> None:
     body = creature(400).surface
     lump = zo.Surface(body.vertices * 0.3 + body.vertices[body.vertices[:, 2].argmax()], body.triangles)
     left = body.vertices[body.triangles].mean(axis=1)[:, 0] > 0.2

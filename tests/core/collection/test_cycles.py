@@ -38,7 +38,7 @@ def collection(count: int) -> tuple[dict[PairName, CandidateMaps], dict[str, Sha
     return maps, dict.fromkeys(names, strip())
 
 
-def test_maps_that_agree_stay_as_they_are() -> None:
+def test_consistent_maps_are_unchanged() -> None:
     maps, shapes = collection(5)
     found = choose_agreeing(maps, shapes.__getitem__)
     assert found.changed == []
@@ -46,7 +46,7 @@ def test_maps_that_agree_stay_as_they_are() -> None:
     assert min(found.certainty.values()) > 0.99
 
 
-def test_a_flip_is_outvoted_though_it_is_sure_of_itself() -> None:
+def test_confident_flip_is_outvoted() -> None:
     maps, shapes = collection(5)
     wrong = PairName("s1", "s3")
     maps[wrong] = candidates(FLIPPED, SAME, certainty=0.99)
@@ -57,7 +57,7 @@ def test_a_flip_is_outvoted_though_it_is_sure_of_itself() -> None:
     assert max(found.after.values()) == 0
 
 
-def test_a_shape_that_is_flipped_as_such_costs_most_of_its_pairs_their_candidates_only_if_these_are_unsure() -> None:
+def test_flip_of_a_whole_shape_is_corrected_only_if_uncertain() -> None:
     # Its cycles close, so only the certainty of its maps can reveal the flip.
     maps, shapes = collection(5)
     of_shape = [pair for pair in maps if "s2" in pair]
@@ -73,7 +73,7 @@ def test_a_shape_that_is_flipped_as_such_costs_most_of_its_pairs_their_candidate
     assert sorted(choose_agreeing(maps, shapes.__getitem__).changed) == sorted(of_shape[:3])
 
 
-def test_where_no_candidate_agrees_a_third_shape_leads_to_one() -> None:
+def test_pair_without_consistent_candidate_maps_through_a_third_shape() -> None:
     maps, shapes = collection(5)
     wrong = PairName("s0", "s4")
     maps[wrong] = candidates(SHIFTED, FLIPPED)
@@ -84,7 +84,7 @@ def test_where_no_candidate_agrees_a_third_shape_leads_to_one() -> None:
     assert found.after[wrong] == 0
 
 
-def test_without_cycles_nothing_is_known() -> None:
+def test_without_cycles_nothing_changes() -> None:
     maps, shapes = collection(3)
     del maps[PairName("s0", "s1")]
     found = choose_agreeing(maps, shapes.__getitem__)
@@ -93,7 +93,7 @@ def test_without_cycles_nothing_is_known() -> None:
     assert found.certainty == dict.fromkeys(maps, 0.9)
 
 
-def test_an_inside_out_candidate_needs_more_than_cycles() -> None:
+def test_inside_out_candidate_is_not_chosen_by_cycles_alone() -> None:
     maps, shapes = collection(3)
     pair = PairName("s0", "s1")
     maps[pair] = CandidateMaps(
@@ -106,7 +106,7 @@ def test_an_inside_out_candidate_needs_more_than_cycles() -> None:
 
 
 @pytest.mark.parametrize("share", [0.1, 0.2])
-def test_many_flips_at_random_are_put_right(share: float) -> None:
+def test_random_flips_are_corrected(share: float) -> None:
     maps, shapes = collection(8)
     random = np.random.default_rng(1)
     wrong = [pair for pair in maps if random.random() < share]
@@ -117,7 +117,7 @@ def test_many_flips_at_random_are_put_right(share: float) -> None:
     assert CYCLES.weight > 0
 
 
-def test_a_candidate_that_is_hardly_likelier_is_not_taken() -> None:
+def test_slightly_likelier_candidate_is_not_chosen() -> None:
     maps, shapes = collection(3)
     pair = PairName("s0", "s1")
     maps[pair] = candidates(SAME, SAME, certainty=0.4)
@@ -125,7 +125,7 @@ def test_a_candidate_that_is_hardly_likelier_is_not_taken() -> None:
     assert choose_agreeing(maps, shapes.__getitem__).changed == []
 
 
-def test_even_what_a_pair_rules_out_can_be_voted_for() -> None:
+def test_cycles_can_choose_a_candidate_of_no_certainty() -> None:
     maps, shapes = collection(5)
     wrong = PairName("s1", "s3")
     maps[wrong] = candidates(FLIPPED, SAME, certainty=0.99)

@@ -78,42 +78,42 @@ def cluster() -> Iterator[Engine]:
         yield engine
 
 
-def test_this_process_runs_tasks_after_what_they_need() -> None:
+def test_tasks_in_this_process_run_after_their_dependencies() -> None:
     assert results(InThisProcess(), CHAIN) == EXPECTED
 
 
-def titled(ended: int) -> str:
+def title_of(ended: int) -> str:
     return f"{ended} of {len(CHAIN)}"
 
 
-def test_progress_goes_through_each_task_under_the_title_of_the_whole() -> None:
+def test_progress_of_tasks_is_reported_under_the_overall_title() -> None:
     told: list[Progress] = []
     with progress(told.append):
-        assert {done.key: done.result for done in run_tasks(InThisProcess(), CHAIN, titled)} == EXPECTED
+        assert {done.key: done.result for done in run_tasks(InThisProcess(), CHAIN, title_of)} == EXPECTED
     assert told[0] == Progress(0, "0 of 4")
     assert Progress(0.125, "0 of 4") in told  # halfway through the first task
     assert told[-1] == Progress(1, "4 of 4")
     assert [one.fraction for one in told] == sorted(one.fraction for one in told)
-    assert {one.stage for one in told} == {titled(ended) for ended in range(5)}
+    assert {one.stage for one in told} == {title_of(ended) for ended in range(5)}
 
 
-def test_a_task_of_this_process_can_be_cancelled_halfway() -> None:
+def test_task_in_this_process_can_be_cancelled_halfway() -> None:
     def listen(latest: Progress) -> None:
         if latest.fraction > 0.5:  # within the third task
             raise Cancelled
 
     ended = []
     with pytest.raises(Cancelled), progress(listen):
-        ended += [done.key for done in run_tasks(InThisProcess(retries=1), CHAIN, titled)]
+        ended += [done.key for done in run_tasks(InThisProcess(retries=1), CHAIN, title_of)]
     assert ended == []
 
 
-def test_no_tasks_are_no_progress() -> None:
+def test_no_tasks_report_no_progress() -> None:
     with progress(pytest.fail):
-        assert list(run_tasks(InThisProcess(), [], titled)) == []
+        assert list(run_tasks(InThisProcess(), [], title_of)) == []
 
 
-def test_a_collection_on_a_cluster_can_be_cancelled_while_it_is_waited_for(cluster: Engine) -> None:
+def test_waiting_for_a_cluster_can_be_cancelled(cluster: Engine) -> None:
     began = monotonic()
 
     def listen(latest: Progress) -> None:
@@ -121,13 +121,13 @@ def test_a_collection_on_a_cluster_can_be_cancelled_while_it_is_waited_for(clust
             raise Cancelled
 
     with pytest.raises(Cancelled), progress(listen):
-        list(run_tasks(cluster, [Task("sleeping", sleep, (30,))], titled))
+        list(run_tasks(cluster, [Task("sleeping", sleep, (30,))], title_of))
     assert monotonic() < began + 10
 
 
 @pytest.mark.parametrize("error", [MemoryError, NotEnoughMemoryError, OSError])
 @pytest.mark.parametrize(("retries", "expected"), [(0, "not enough memory"), (1, 2)])
-def test_what_may_pass_is_tried_again(tmp_path: Path, retries: int, expected: object, error: type[Exception]) -> None:
+def test_temporary_failures_are_retried(tmp_path: Path, retries: int, expected: object, error: type[Exception]) -> None:
     task = Task("a", fail_at_first, (tmp_path / "marks", error))
     (result,) = results(InThisProcess(retries), [task]).values()
     assert result == expected or (isinstance(result, Failure) and str(expected) in result.message)
@@ -140,7 +140,7 @@ def test_dask_runs_the_same_tasks(cluster: Engine, tmp_path: Path) -> None:
     assert results(cluster, CHAIN) == EXPECTED
 
 
-def test_a_cluster_knows_of_a_few_tasks_at_a_time(cluster: Engine, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_cluster_receives_a_few_tasks_at_a_time(cluster: Engine, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(engine_module, "MAX_UNDER_WAY", 3)
     parts = [Task(f"part {number}", add, (number,)) for number in range(10)]
     sums = [Task(f"sum {i}", add, (), (f"part {i}", f"part {(i + 1) % 10}")) for i in range(10)]
@@ -150,11 +150,11 @@ def test_a_cluster_knows_of_a_few_tasks_at_a_time(cluster: Engine, monkeypatch: 
     assert found["all"] == 90
 
 
-def test_processes_keep_to_a_core_each_and_to_their_memory(cluster: Engine) -> None:
+def test_workers_use_one_thread_each(cluster: Engine) -> None:
     assert results(cluster, [Task("settings", read_settings, ())]) == {"settings": (None, "1", 1)}
 
 
-def test_a_worker_that_is_killed_costs_its_task_alone(cluster: Engine) -> None:
+def test_killed_worker_fails_only_its_own_task(cluster: Engine) -> None:
     found = results(cluster, [Task("dying", die, ()), *CHAIN])
     died = found.pop("dying")
     assert isinstance(died, Failure)
@@ -162,7 +162,7 @@ def test_a_worker_that_is_killed_costs_its_task_alone(cluster: Engine) -> None:
     assert found == EXPECTED
 
 
-def test_a_result_that_is_lost_with_its_worker_is_not_waited_for() -> None:
+def test_result_lost_with_its_worker_is_not_awaited() -> None:
     distributed = pytest.importorskip("distributed")
 
     class Gone:
@@ -174,12 +174,12 @@ def test_a_result_that_is_lost_with_its_worker_is_not_waited_for() -> None:
     assert "worker was lost" in OnDask(None)._result_of(Gone()).message
 
 
-def test_dask_tells_which_files_its_workers_see(cluster: Engine, tmp_path: Path) -> None:
+def test_cluster_checks_whether_workers_see_files(cluster: Engine, tmp_path: Path) -> None:
     assert cluster.sees([tmp_path])
     assert not cluster.sees([tmp_path / "missing"])
 
 
-def test_no_scheduler_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_scheduler_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed")
     monkeypatch.setattr(engine_module, "CONNECTING", 0.5)
     with pytest.raises(ConnectionError, match="check the address"), remote_engine("tcp://127.0.0.1:9", retries=0):
@@ -187,7 +187,7 @@ def test_no_scheduler_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.slow
-def test_processes_match_as_this_one_does(tmp_path: Path) -> None:
+def test_workers_and_this_process_give_equal_maps(tmp_path: Path) -> None:
     pytest.importorskip("distributed")
     files = [tmp_path / f"{seed}.ply" for seed in range(2)]
     for seed, file in enumerate(files):

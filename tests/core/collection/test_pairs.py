@@ -19,13 +19,13 @@ def test_a_template_is_the_source_of_all_others() -> None:
     assert pairs_with_template("b", NAMES) == [PairName("b", name) for name in ("a", "c", "d")]
 
 
-def test_all_pairs_are_taken_once() -> None:
+def test_all_pairs_are_listed_once() -> None:
     found = all_pairs(NAMES)
     assert len(found) == 6
     assert len({frozenset(pair) for pair in found}) == 6
 
 
-def test_neighbours_are_alike_and_all_are_joined() -> None:
+def test_neighbours_have_similar_spectra_and_all_are_connected() -> None:
     # Two groups of three; spectra differ by a factor of two between groups, and hardly within a group.
     spectra = {
         f"{group}{number}": group * np.arange(60.0) * (1 + 0.01 * number) for group in (1, 2) for number in range(3)
@@ -37,13 +37,13 @@ def test_neighbours_are_alike_and_all_are_joined() -> None:
     assert len(found) == 5
 
 
-def test_neighbours_do_not_depend_on_scale_or_on_how_many_there_are() -> None:
+def test_number_of_neighbours_may_exceed_the_collection() -> None:
     assert pairs_of_neighbours({"a": np.arange(60.0)}, 4) == []
     found = pairs_of_neighbours({name: np.arange(60.0) for name in NAMES}, 10)
     assert sorted(found) == sorted(all_pairs(NAMES))
 
 
-def test_a_file_names_pairs_with_or_without_endings(tmp_path: Path) -> None:
+def test_pair_files_accept_names_with_or_without_suffix(tmp_path: Path) -> None:
     path = tmp_path / "pairs.txt"
     path.write_text("a b  # a comment\n\nc.off d.ply\na b\n")
     assert read_pairs(path, NAMES) == [PairName("a", "b"), PairName("c", "d")]
@@ -58,7 +58,7 @@ def test_a_file_names_pairs_with_or_without_endings(tmp_path: Path) -> None:
         ("# none\n", "contains no pairs"),
     ],
 )
-def test_a_wrong_file_is_refused(tmp_path: Path, text: str, said: str) -> None:
+def test_invalid_pair_files_are_refused(tmp_path: Path, text: str, said: str) -> None:
     path = tmp_path / "pairs.txt"
     path.write_text(text)
     with pytest.raises(MeshError, match=said):

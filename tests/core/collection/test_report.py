@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The report of a collection: one direction for each pair, correct numbers, and only what has happened."""
+"""The report of a collection: one direction for each pair, correct numbers, and no statements about skipped steps."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def test_numbers_and_nouns_agree(count: int, words: str) -> None:
     assert "1 pairs" not in page_of(collection(count), {})
 
 
-def test_pairs_lead_from_the_source_to_the_target_everywhere() -> None:
+def test_pairs_are_written_from_source_to_target_everywhere() -> None:
     result = collection(changed=1)
     page = page_of(result, {"ape": b"png"})
     assert "hero to ape" in page
@@ -48,7 +48,7 @@ def test_pairs_lead_from_the_source_to_the_target_everywhere() -> None:
     assert figures_of_collection(result)["cycles"]["changed"] == [{"source": "hero", "target": "ape"}]
 
 
-def test_cycles_are_reported_as_they_went() -> None:
+def test_report_describes_the_outcome_of_cycles() -> None:
     without, same, other = (page_of(collection(changed=changed), {}) for changed in (None, 0, 1))
     assert "cycles" not in without.partition("look at first")[2].partition("<table>")[0]
     assert "no other candidates close them better" in same

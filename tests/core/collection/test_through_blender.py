@@ -102,7 +102,7 @@ def run(folder: Path, output: Path, *more: object) -> tuple[int, str]:
     return done.exit_code, done.output
 
 
-def test_blender_reads_once_carries_once_and_a_file_that_fails_costs_itself_alone(
+def test_blender_reads_and_transfers_once_and_failing_files_fail_alone(
     program: Path, folder: Path, tmp_path: Path
 ) -> None:
     output = tmp_path / "out"
@@ -160,7 +160,7 @@ def test_blender_reads_once_carries_once_and_a_file_that_fails_costs_itself_alon
 
 
 @pytest.mark.slow
-def test_the_format_is_that_of_the_template_or_what_is_asked_for(program: Path, folder: Path, tmp_path: Path) -> None:
+def test_format_is_that_of_the_template_by_default(program: Path, folder: Path, tmp_path: Path) -> None:
     for name in ("broken.blend", "naked.blend", "last.off"):
         (folder / name).unlink()
     more = "--transfer", "--blender", program, "--template"
@@ -172,7 +172,7 @@ def test_the_format_is_that_of_the_template_or_what_is_asked_for(program: Path, 
     assert {path.suffix for path in (tmp_path / "blend" / "meshes").iterdir()} == {".blend"}
 
 
-def test_blender_is_not_asked_where_it_is_not_needed(program: Path, folder: Path, tmp_path: Path) -> None:
+def test_blender_is_not_started_if_no_file_needs_it(program: Path, folder: Path, tmp_path: Path) -> None:
     for path in folder.iterdir():
         if path.suffix in (".blend", ".fbx"):
             path.unlink()
@@ -181,7 +181,7 @@ def test_blender_is_not_asked_where_it_is_not_needed(program: Path, folder: Path
     assert not (tmp_path / "out" / "surfaces").exists()
 
 
-def test_without_blender_its_files_fail_by_name_and_a_template_is_refused_at_once(
+def test_without_blender_its_files_fail_and_a_template_is_refused(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(blender_files, "extension_module", lambda _: None)
@@ -199,7 +199,7 @@ def test_without_blender_its_files_fail_by_name_and_a_template_is_refused_at_onc
         blender_command("nowhere")
 
 
-def test_the_program_is_what_is_given_else_what_the_environment_names(
+def test_given_program_precedes_the_environment_variable(
     program: Path, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv(blender_files.PROGRAM, str(program))
@@ -212,9 +212,7 @@ def test_the_program_is_what_is_given_else_what_the_environment_names(
         read_surface(folder / "broken.blend")
 
 
-def test_a_blender_that_dies_or_hangs_is_a_sentence(
-    program: Path, folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_crash_or_hang_of_blender_is_reported(program: Path, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(blender_files.PROGRAM, str(program))
     (folder / "hero.blend").rename(folder / "silent.blend")
     with pytest.raises(

@@ -27,7 +27,7 @@ def at(vertices: np.ndarray, triangles: np.ndarray, triangle: np.ndarray, baryce
     return np.einsum("qc,qcx->qx", barycentric, vertices[triangles[triangle]])
 
 
-def test_closest_points_are_the_closest_of_all_triangles() -> None:
+def test_closest_points_agree_with_brute_force() -> None:
     random = np.random.default_rng(0)
     # Intersecting triangles of very different sizes.
     centres = random.standard_normal((60, 1, 3)) * 2
@@ -43,7 +43,7 @@ def test_closest_points_are_the_closest_of_all_triangles() -> None:
     np.testing.assert_allclose(found, brute, atol=0.1)
 
 
-def test_points_on_the_surface_come_back_exactly(resting: Creature) -> None:
+def test_points_on_the_surface_are_returned_exactly(resting: Creature) -> None:
     vertices, triangles = resting.surface.vertices, resting.surface.triangles
     random = np.random.default_rng(1)
     triangle = random.integers(len(triangles), size=5000)
@@ -53,7 +53,7 @@ def test_points_on_the_surface_come_back_exactly(resting: Creature) -> None:
     np.testing.assert_allclose(found, points, atol=1e-12)
 
 
-def test_a_single_point_finds_a_single_triangle_and_no_point_finds_none() -> None:
+def test_queries_of_one_point_or_none_are_answered() -> None:
     corners = np.eye(3)
     triangle, barycentric = closest_points(np.array([[2.0, 2, 2]]), corners, np.array([[0, 1, 2]]))
     np.testing.assert_array_equal(triangle, [0])
@@ -63,7 +63,7 @@ def test_a_single_point_finds_a_single_triangle_and_no_point_finds_none() -> Non
     assert barycentric.shape == (0, 3)
 
 
-def test_a_point_is_off_the_closest_one_by_no_more_than_it_may(resting: Creature) -> None:
+def test_approximate_search_stays_within_its_tolerance(resting: Creature) -> None:
     vertices, triangles = resting.surface.vertices, resting.surface.triangles
     points = vertices[::11] + np.random.default_rng(3).normal(scale=0.1, size=vertices[::11].shape)
     exact, near = (
@@ -75,7 +75,7 @@ def test_a_point_is_off_the_closest_one_by_no_more_than_it_may(resting: Creature
     assert (near - exact).max() > 0
 
 
-def test_a_degenerate_triangle_gives_a_point_of_it() -> None:
+def test_degenerate_triangles_have_closest_points() -> None:
     vertices = np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 3, 3], [3, 3, 3], [3, 3, 3]])
     triangles = np.array([[0, 1, 2], [3, 4, 5]])
     points = np.array([[1.5, 1, 0], [4, 3, 3]])
@@ -84,7 +84,7 @@ def test_a_degenerate_triangle_gives_a_point_of_it() -> None:
     np.testing.assert_allclose(at(vertices, triangles, triangle, barycentric), [[1.5, 0, 0], [3, 3, 3]], atol=1e-12)
 
 
-def test_projection_in_an_embedding_is_never_farther_than_the_nearest_vertex(resting: Creature) -> None:
+def test_projection_in_an_embedding_finds_the_closest_point(resting: Creature) -> None:
     random = np.random.default_rng(2)
     vertices, triangles = resting.surface.vertices, resting.surface.triangles
     lift = np.linalg.qr(random.standard_normal((40, 3)))[0].T
@@ -110,7 +110,7 @@ def test_barycentric_coordinates_cover_all_seven_regions() -> None:
     np.testing.assert_allclose(barycentric_of_closest(dots), expected, atol=1e-12)
 
 
-def test_places_far_from_the_origin_are_projected_exactly_in_few_dimensions(resting: Creature) -> None:
+def test_projection_stays_exact_far_from_the_origin(resting: Creature) -> None:
     mesh = resting.surface
     far = mesh.vertices[:500] + 1e3
     inside = (mesh.triangles < 500).all(axis=1)

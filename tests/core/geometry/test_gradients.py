@@ -14,13 +14,13 @@ from zoomout_core.spectral.laplacian import mesh_laplacian
 SLOPE = np.array([0.3, -1.2, 0.7])
 
 
-def test_gradients_on_a_plane_are_those_of_the_function_along_it() -> None:
+def test_gradients_of_linear_functions_on_a_plane_are_exact() -> None:
     surface = plate(9, 7, jitter=0.2)
     gradient = np.column_stack([along @ (surface.vertices @ SLOPE) for along in gradient_matrices(*_arrays(surface))])
     np.testing.assert_allclose(gradient, np.broadcast_to(SLOPE * (1, 1, 0), gradient.shape), atol=1e-12)
 
 
-def test_gradients_on_a_sphere_are_those_along_its_surface() -> None:
+def test_gradients_on_a_sphere_are_tangential() -> None:
     surface, _ = globe(80, 60)
     outward = surface.vertices / np.linalg.norm(surface.vertices, axis=1)[:, None]
     gradient = np.column_stack([along @ (surface.vertices @ SLOPE) for along in gradient_matrices(*_arrays(surface))])
@@ -35,7 +35,7 @@ def test_vertices_without_an_area_have_no_gradient() -> None:
     assert all((along @ line)[2].tolist() == [0, 0, 0] for along in matrices)
 
 
-def test_the_divergence_of_a_gradient_is_that_of_its_function() -> None:
+def test_divergence_of_a_gradient_is_the_laplacian() -> None:
     surface, _ = globe(20, 14)
     stiffness = csr_array(mesh_laplacian(*_arrays(surface))[0])
     row, column = np.repeat(np.arange(len(surface.vertices)), np.diff(stiffness.indptr)), stiffness.indices

@@ -33,7 +33,7 @@ def choose(cost: np.ndarray, length: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("degrees", [0, 20, 45, 70])
-def test_the_length_of_a_border_hardly_depends_on_its_direction(degrees: int) -> None:
+def test_border_length_hardly_depends_on_its_direction(degrees: int) -> None:
     surface, length = sheet()
     angle = np.radians(degrees)
     off = surface.vertices[:, :2] - 0.5
@@ -55,14 +55,14 @@ def test_flecks_disappear_and_a_jagged_border_becomes_straight() -> None:
     assert (labels != (x > 0.5)).mean() < 0.05
 
 
-def test_a_thin_band_remains_where_it_is_clearly_nearer() -> None:
+def test_thin_band_with_clear_costs_remains() -> None:
     surface, length = sheet()
     band = np.abs(surface.vertices[:, 1] - 0.5) < 0.04  # three rows
     labels = choose(0.05 * np.column_stack([band, ~band]), length)
     assert (labels == band).all()
 
 
-def test_three_labels_meet_and_a_vertex_takes_only_its_own_candidates() -> None:
+def test_three_labels_meet_and_vertices_keep_to_their_candidates() -> None:
     surface, length = sheet()
     angle = np.arctan2(*(surface.vertices[:, :2] - 0.5).T)
     right = ((angle + np.pi) / (2 * np.pi) * 3).astype(int) % 3
@@ -72,7 +72,7 @@ def test_three_labels_meet_and_a_vertex_takes_only_its_own_candidates() -> None:
     assert (shorten_borders(np.arange(len(seen)), seen, 0.0 * seen, length) == np.arange(len(seen))).all()
 
 
-def test_costs_that_no_border_outweighs_do_not_blur_the_others() -> None:
+def test_huge_costs_do_not_affect_distant_labels() -> None:
     surface, length = sheet()
     x = surface.vertices[:, 0]
     noise = np.random.default_rng(0).normal(0, 0.15, len(x))

@@ -27,7 +27,7 @@ def test_normals_decide_between_layers() -> None:
     assert sheets(flipped=True).closest(place, UP)[0] in (2, 3)
 
 
-def test_the_point_is_the_closest_one_of_a_large_triangle() -> None:
+def test_closest_point_inside_a_large_triangle_is_exact() -> None:
     place = np.array([[0.317, 0.642, -0.2]])
     triangle, barycentric, distance = sheets().closest(place, UP)
     assert np.allclose(barycentric @ SHEETS[CORNERS[triangle[0]]], [0.317, 0.642, 0])
@@ -35,7 +35,7 @@ def test_the_point_is_the_closest_one_of_a_large_triangle() -> None:
 
 
 @pytest.mark.parametrize("unit", [1.0, 1e5])
-def test_groups_keep_to_themselves(unit: float) -> None:
+def test_queries_find_only_points_of_their_own_group(unit: float) -> None:
     group = np.array([0, 0, 2, 2])
     surface = OrientedSurface(unit * SHEETS, CORNERS, np.zeros(4, bool), 0.03 * unit, group)
     place = unit * np.repeat([[0.3, 0.6, 0.0]], 2, axis=0)
@@ -45,14 +45,14 @@ def test_groups_keep_to_themselves(unit: float) -> None:
     assert distance == pytest.approx([0, 0.02 * unit])
 
 
-def test_of_two_layers_that_face_alike_the_nearer_one_is_found() -> None:
+def test_nearer_of_two_layers_with_equal_normals_is_found() -> None:
     # The upper sheet is wound downwards and marked as flipped.
     surface = OrientedSurface(SHEETS, CORNERS, np.array([False, False, True, True]), 0.03)
     for height, found in ((0.006, (0, 1)), (0.014, (2, 3))):
         assert surface.closest(np.array([[0.3, 0.6, height]]), UP)[0] in found
 
 
-def test_samples_as_many_as_triangles_of_one_size_lie_on_one_each() -> None:
+def test_triangles_of_equal_size_get_equally_many_samples() -> None:
     strip = np.array([[i // 2, i % 2, 0] for i in range(12)], dtype=float)
     corners = np.array([[i, i + 1, i + 2] for i in range(10)])
     np.testing.assert_array_equal(surface_samples(strip, corners, 10)[1], np.arange(10))
@@ -60,7 +60,7 @@ def test_samples_as_many_as_triangles_of_one_size_lie_on_one_each() -> None:
 
 
 @pytest.mark.parametrize("unit", [1.0, 1e-4])
-def test_it_finds_what_the_exact_search_finds(unit: float) -> None:
+def test_search_without_normals_agrees_with_the_exact_search(unit: float) -> None:
     mesh = creature(1500).surface
     vertices, places = unit * mesh.vertices, unit * mesh.vertices[::7] * 1.01
     exact = closest_points(places, vertices, mesh.triangles)
@@ -70,7 +70,7 @@ def test_it_finds_what_the_exact_search_finds(unit: float) -> None:
     assert np.abs(distance - np.linalg.norm(found - places, axis=1)).mean() < 1e-3 * unit
 
 
-def test_samples_cover_triangles_by_area_and_lie_on_them() -> None:
+def test_samples_lie_on_triangles_in_proportion_to_area() -> None:
     vertices = np.array([[0, 0, 0], [2, 0, 0], [0, 2, 0], [0, -1, 0.0], [1, 0, 0]])
     triangles = np.array([[0, 1, 2], [0, 3, 4]])  # areas 2 and 0.5
     points, triangle = surface_samples(vertices, triangles, 1000)
@@ -79,7 +79,7 @@ def test_samples_cover_triangles_by_area_and_lie_on_them() -> None:
     assert points[triangle == 0].mean(axis=0) == pytest.approx([2 / 3, 2 / 3, 0], abs=0.02)
 
 
-def test_a_group_however_small_is_found() -> None:
+def test_groups_of_tiny_triangles_are_found() -> None:
     tiny = np.array([[0.5, 0.5, 0.5], [0.5001, 0.5, 0.5], [0.5, 0.5001, 0.5]])
     vertices, corners = np.vstack([SHEETS, tiny]), np.vstack([CORNERS, [[8, 9, 10]]])
     surface = OrientedSurface(vertices, corners, np.zeros(5, bool), 0.03, np.array([0, 0, 0, 0, 1]))
@@ -88,7 +88,7 @@ def test_a_group_however_small_is_found() -> None:
     assert distance[0] == pytest.approx(np.linalg.norm([0.4, 0.4, 0.5]), abs=1e-3)
 
 
-def test_queries_that_are_many_are_answered_as_few_are(monkeypatch) -> None:
+def test_block_size_does_not_change_results(monkeypatch) -> None:
     places = np.random.default_rng(0).uniform(0, 1, (40, 3)) * [1, 1, 0.02]
     normals = np.repeat(UP, 40, axis=0)
     whole = sheets().closest(places, normals)

@@ -34,7 +34,7 @@ def assert_same(found: Similarities, truth: Similarities) -> None:
 
 @pytest.mark.parametrize("sense", [1, -1])
 @pytest.mark.parametrize("handedness", ["forced", "free"])
-def test_similarities_are_found_again_one_by_one_and_all_at_once(sense: int, handedness: str) -> None:
+def test_similarities_are_recovered_singly_and_in_batches(sense: int, handedness: str) -> None:
     truth = similarities(sense)
     images = truth(POINTS)
     assert_same(procrustes(POINTS, images, handedness=sense if handedness == "forced" else None), truth)
@@ -45,7 +45,7 @@ def test_similarities_are_found_again_one_by_one_and_all_at_once(sense: int, han
         np.testing.assert_allclose(one.inverse(images[i]), POINTS[i])
 
 
-def test_a_handedness_is_kept_where_the_other_fits_better() -> None:
+def test_given_handedness_is_kept_even_if_the_other_fits_better() -> None:
     images = similarities(-1)(POINTS)
     found = procrustes(POINTS, images)
     np.testing.assert_allclose(np.linalg.det(found.rotation), 1)
@@ -53,7 +53,7 @@ def test_a_handedness_is_kept_where_the_other_fits_better() -> None:
     np.testing.assert_allclose(np.linalg.det(mixed.rotation), [1, -1, 1, -1])
 
 
-def test_no_similarity_near_the_best_one_leaves_less() -> None:
+def test_solution_is_a_local_minimum_of_the_residual() -> None:
     random = np.random.default_rng(2)
     points, images, weights = random.normal(size=(20, 3)), random.normal(size=(20, 3)), random.uniform(size=20)
     best = procrustes(points, images, weights)
@@ -68,7 +68,7 @@ def test_no_similarity_near_the_best_one_leaves_less() -> None:
         assert left(Similarities(scale, turn @ best.rotation, shift)) > left(best)
 
 
-def test_weights_say_which_points_count() -> None:
+def test_points_of_zero_weight_are_ignored() -> None:
     truth = similarities()
     images = truth(POINTS)
     images[:, 20:] += 10
@@ -78,7 +78,7 @@ def test_weights_say_which_points_count() -> None:
     assert np.abs(procrustes(POINTS, images).translation - truth.translation).max() > 1
 
 
-def test_scales_stay_within_their_limits_and_centroids_meet() -> None:
+def test_scales_are_clamped_and_centroids_coincide() -> None:
     images = similarities()(POINTS)
     assert (procrustes(POINTS, images, scales=(1, 1)).scale == 1).all()
     limited = procrustes(POINTS, images, scales=(np.array([0.1, 2.0, 0.1, 0.1]), np.array([9.0, 9.0, 1.5, 9.0])))
@@ -86,13 +86,13 @@ def test_scales_stay_within_their_limits_and_centroids_meet() -> None:
     np.testing.assert_allclose(limited(POINTS).mean(axis=1), images.mean(axis=1))
 
 
-def test_points_in_the_plane_are_aligned_as_well() -> None:
+def test_points_in_the_plane_are_aligned() -> None:
     points = POINTS[..., :2]
     truth = Similarities(np.full(4, 2.0), np.tile([[0.6, 0.8], [0.8, -0.6]], (4, 1, 1)), np.ones((4, 2)))
     assert_same(procrustes(points, truth(points), handedness=None), truth)
 
 
-def test_means_of_products_give_the_same_moments() -> None:
+def test_moments_from_means_of_products_agree() -> None:
     images = similarities()(POINTS)
     means = np.stack([products(*pair).mean(axis=0) for pair in zip(POINTS, images, strict=True)])
     of_points, of_products = Moments.between(POINTS, images), Moments.of_products(means)
@@ -103,7 +103,7 @@ def test_means_of_products_give_the_same_moments() -> None:
 
 
 @pytest.mark.parametrize("handed", [1.0, -1.0])
-def test_the_nearest_rotation_is_one_and_a_reflection_where_it_is_asked_for(handed: float) -> None:
+def test_nearest_rotations_have_the_requested_handedness(handed: float) -> None:
     matrices = np.random.default_rng(0).normal(size=(40, 3, 3))
     found = nearest_rotations(matrices, np.full(40, handed))
     np.testing.assert_allclose(found @ found.transpose(0, 2, 1), np.tile(np.eye(3), (40, 1, 1)), atol=1e-12)
@@ -125,7 +125,7 @@ def test_the_nearest_orthogonal_matrix_may_have_either_handedness() -> None:
     "singular", [(1, 0.5, 0.2), (1, 0.1, -0.01), (1, 0.02, -0.0199), (1, 1, -1), (1, 0, 0), (0, 0, 0)]
 )
 @pytest.mark.parametrize("handed", [1.0, -1.0])
-def test_many_matrices_become_the_rotations_that_few_become(singular: tuple[float, ...], handed: float) -> None:
+def test_large_batches_give_the_same_rotations_as_small_ones(singular: tuple[float, ...], handed: float) -> None:
     left, right = Rotation.random(2 * MANY_MATRICES, random_state=0).as_matrix().reshape(2, MANY_MATRICES, 3, 3)
     matrices = 1e-3 * (left * np.array(singular)) @ right
     many = nearest_rotations(matrices, handed)

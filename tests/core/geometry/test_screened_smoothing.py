@@ -15,7 +15,7 @@ STIFFNESS, AREAS = mesh_laplacian(MESH.vertices, MESH.triangles)
 VALUES = np.random.default_rng(0).normal(size=(len(AREAS), 2))
 
 
-def test_solutions_are_those_of_the_formula() -> None:
+def test_smoothing_solves_the_screened_poisson_equation() -> None:
     smoothing = ScreenedSmoothing.of(AREAS, STIFFNESS, 0.3)
     matrix = np.diag(AREAS) + 0.3**2 * STIFFNESS.toarray()
     np.testing.assert_allclose(screened_stiffness(AREAS, STIFFNESS, 0.3).toarray(), matrix, atol=1e-15)
@@ -26,7 +26,7 @@ def test_solutions_are_those_of_the_formula() -> None:
     np.testing.assert_allclose(smoothing.fit(VALUES, divergence), fitted, atol=1e-10)
 
 
-def test_smoothing_keeps_constants_and_the_mean_and_over_a_long_way_leaves_the_mean_alone() -> None:
+def test_smoothing_keeps_constants_and_converges_to_the_mean() -> None:
     smoothing = ScreenedSmoothing.of(AREAS, STIFFNESS, 0.3)
     np.testing.assert_allclose(smoothing.smooth(np.ones((len(AREAS), 1))), 1, atol=1e-10)
     mean = AREAS @ VALUES
@@ -35,6 +35,6 @@ def test_smoothing_keeps_constants_and_the_mean_and_over_a_long_way_leaves_the_m
     np.testing.assert_allclose(long.smooth(VALUES), np.broadcast_to(mean, VALUES.shape), atol=1e-6)
 
 
-def test_values_with_their_own_gradients_are_kept() -> None:
+def test_fit_keeps_values_given_their_own_gradients() -> None:
     smoothing = ScreenedSmoothing.of(AREAS, STIFFNESS, 0.3)
     np.testing.assert_allclose(smoothing.fit(VALUES, STIFFNESS @ VALUES), VALUES, atol=1e-10)

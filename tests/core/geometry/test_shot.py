@@ -22,7 +22,7 @@ def descriptors(made: Creature) -> np.ndarray:
     return shot(made.surface, 0.25)
 
 
-def test_descriptors_are_of_unit_norm_wherever_five_others_are_near(made, descriptors) -> None:
+def test_descriptors_with_five_neighbours_have_unit_norm(made, descriptors) -> None:
     assert descriptors.shape == (600, 8 * 2 * 2 * 11)
     assert descriptors.min() >= 0
     vertices = made.surface.vertices / np.sqrt(made.surface.area)
@@ -31,7 +31,7 @@ def test_descriptors_are_of_unit_norm_wherever_five_others_are_near(made, descri
     assert 0 < (others < 5).sum() < 20
 
 
-def test_a_copy_that_is_moved_turned_scaled_and_permuted_has_the_same_descriptors(made, descriptors) -> None:
+def test_descriptors_are_invariant_to_placement_scale_and_vertex_order(made, descriptors) -> None:
     random = np.random.default_rng(0)
     rotation = np.linalg.qr(random.standard_normal((3, 3)))[0]
     rotation *= np.sign(np.linalg.det(rotation))
@@ -43,13 +43,13 @@ def test_a_copy_that_is_moved_turned_scaled_and_permuted_has_the_same_descriptor
     assert (cKDTree(descriptors).query(found)[1] == order).mean() > 0.97
 
 
-def test_the_mirror_image_has_other_descriptors(made, descriptors) -> None:
+def test_mirror_image_has_different_descriptors(made, descriptors) -> None:
     surface = made.surface
     mirrored = shot(Surface(surface.vertices * [-1, 1, 1], surface.triangles), 0.25)
     assert np.median((mirrored * descriptors).sum(axis=1)) < 0.95
 
 
-def test_other_meshes_of_the_surface_have_nearly_the_same_descriptors(made, descriptors) -> None:
+def test_remeshing_hardly_changes_descriptors(made, descriptors) -> None:
     # The mesh is twice as dense on one side; weighting by area compensates.
     where = np.concatenate([directions(800, seed=4), directions(800, seed=5)])
     keep = (where[:, 2] > 0) | (np.arange(1600) < 800)
@@ -62,14 +62,14 @@ def test_other_meshes_of_the_surface_have_nearly_the_same_descriptors(made, desc
     assert np.median((dense * plain[nearest]).sum(axis=1)[between]) > 0.95
 
 
-def test_on_a_sphere_all_vertices_are_alike_and_on_a_creature_they_are_not(descriptors) -> None:
+def test_descriptors_are_uniform_on_a_sphere_but_not_on_a_creature(descriptors) -> None:
     points = directions(1200, seed=2)
     on_sphere = shot(Surface(points, ConvexHull(points).simplices), 0.3)
     assert (on_sphere @ on_sphere[0]).min() > 0.9
     assert np.median(descriptors @ descriptors[0]) < 0.6
 
 
-def test_neighbours_are_shared_among_the_bins_beside_them() -> None:
+def test_neighbours_are_interpolated_between_adjacent_bins() -> None:
     # Bin centres: azimuth 22.5 degrees, elevation 45 degrees, radius 1/4, cosine 0.
     turn = np.pi / 8
     local = np.array([[np.cos(turn), np.sin(turn), 1.0]])
@@ -90,7 +90,7 @@ def test_neighbours_are_shared_among_the_bins_beside_them() -> None:
     assert histogram(local * [1, 1, -9])[0, 0, 0, 5] == pytest.approx(2)
 
 
-def test_blocks_bound_the_memory_and_change_nothing(made, descriptors, monkeypatch) -> None:
+def test_blocks_bound_memory_without_changing_results(made, descriptors, monkeypatch) -> None:
     looked_at = []
     histograms = module._histograms
 
@@ -105,7 +105,7 @@ def test_blocks_bound_the_memory_and_change_nothing(made, descriptors, monkeypat
     assert max(looked_at) < 1000
 
 
-def test_what_no_face_uses_has_none_and_points_of_a_cloud_have_those_of_its_surface(made, descriptors) -> None:
+def test_unused_vertices_have_no_descriptor_but_cloud_points_do(made, descriptors) -> None:
     surface = made.surface
     more = Surface(np.vstack([[[9.0, 9, 9]], surface.vertices]), surface.triangles + 1)
     found = shot(more, 0.25)
@@ -121,7 +121,7 @@ def test_a_radius_must_be_positive(made, radius) -> None:
         shot(made.surface, radius)
 
 
-def test_frames_are_the_principal_axes_of_what_weighs_towards_more_area_and_outside() -> None:
+def test_frames_are_weighted_principal_axes_with_consistent_signs() -> None:
     offset = np.array([[0.0, 2, 0], [0, -2, 0], [1, 0, 0], [1, 0, 0], [0, 0, 0.1]])
     weight, area = np.array([1.0, 1, 9, 9, 1]), np.array([1.0, 1, 1, 1, 1])
     down, zero = np.array([[0.0, 0.1, -1]]), np.zeros(5, dtype=int)
@@ -133,7 +133,7 @@ def test_frames_are_the_principal_axes_of_what_weighs_towards_more_area_and_outs
     np.testing.assert_allclose(x, [0, -1, 0], atol=1e-12)
 
 
-def test_near_neighbours_weigh_most_in_a_frame(made, monkeypatch) -> None:
+def test_frame_weights_decrease_linearly_with_distance(made, monkeypatch) -> None:
     seen = []
     frames = module._frames
 

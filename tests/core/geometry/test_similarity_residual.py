@@ -21,24 +21,24 @@ def residual(shape: Creature, images: np.ndarray, rings: int = 3) -> np.ndarray:
     return similarity_residual(shape.surface.vertices, shape.surface.triangles, images, rings)
 
 
-def moved(points: np.ndarray) -> np.ndarray:
+def apply_similarity(points: np.ndarray) -> np.ndarray:
     return 7.0 * points @ Rotation.random(random_state=1).as_matrix().T + [100.0, 0.0, -3.0]
 
 
 @pytest.mark.parametrize("rings", [1, 3])
-def test_a_similarity_has_none(shape: Creature, rings: int) -> None:
-    assert residual(shape, moved(shape.surface.vertices), rings).max() < 1e-8
+def test_similarity_has_no_residual(shape: Creature, rings: int) -> None:
+    assert residual(shape, apply_similarity(shape.surface.vertices), rings).max() < 1e-8
 
 
-def test_it_depends_neither_on_pose_nor_on_scale(shape: Creature) -> None:
+def test_residual_does_not_depend_on_placement_or_scale(shape: Creature) -> None:
     images = shape.surface.vertices + 0.02 * np.random.default_rng(0).normal(size=shape.surface.vertices.shape)
     first = residual(shape, images)
-    np.testing.assert_allclose(residual(shape, moved(images)), first, atol=1e-8)
-    turned = similarity_residual(moved(shape.surface.vertices), shape.surface.triangles, images, 3)
+    np.testing.assert_allclose(residual(shape, apply_similarity(images)), first, atol=1e-8)
+    turned = similarity_residual(apply_similarity(shape.surface.vertices), shape.surface.triangles, images, 3)
     np.testing.assert_allclose(turned, first, atol=1e-8)
 
 
-def test_a_bent_limb_has_little_a_reflection_much_noise_most_and_a_point_all(shape: Creature) -> None:
+def test_residual_grows_from_bending_to_reflection_to_noise(shape: Creature) -> None:
     vertices = shape.surface.vertices
     bent = residual(shape, creature(600, seed=0, bend=0.3).surface.vertices).mean()
     reflected = residual(shape, vertices * [-1, 1, 1]).mean()
@@ -47,7 +47,7 @@ def test_a_bent_limb_has_little_a_reflection_much_noise_most_and_a_point_all(sha
     assert residual(shape, np.zeros_like(vertices)).min() == 1
 
 
-def test_a_weighted_fit_of_each_neighbourhood_explains_the_rest(shape: Creature) -> None:
+def test_residual_equals_that_of_weighted_local_fits(shape: Creature) -> None:
     vertices, edges = shape.surface.vertices, shape.surface.triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
     images = vertices + 0.05 * np.random.default_rng(0).normal(size=vertices.shape)
     found = residual(shape, images, 1)
@@ -63,14 +63,14 @@ def test_a_weighted_fit_of_each_neighbourhood_explains_the_rest(shape: Creature)
         assert root > 0
 
 
-def test_blocks_change_nothing(shape: Creature, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_block_size_does_not_change_results(shape: Creature, monkeypatch: pytest.MonkeyPatch) -> None:
     images = shape.surface.vertices**2
     whole = residual(shape, images)
     monkeypatch.setattr(module, "BLOCK", 70)
     np.testing.assert_array_equal(residual(shape, images), whole)
 
 
-def test_a_vertex_without_a_face_and_repeated_places_have_a_residual(shape: Creature) -> None:
+def test_unused_vertices_and_duplicate_positions_have_a_residual(shape: Creature) -> None:
     vertices = np.vstack([shape.surface.vertices, [[9.0, 9, 9]]])
     vertices[shape.surface.triangles[0]] = vertices[shape.surface.triangles[0, 0]]
     found = similarity_residual(vertices, shape.surface.triangles, vertices, 3)

@@ -15,7 +15,7 @@ def second_differences(n: int) -> csc_array:
     return csc_array(diags_array([-np.ones(n - 1), np.full(n, 2.01), -np.ones(n - 1)], offsets=[-1, 0, 1]))
 
 
-def test_many_right_hand_sides_are_solved_for() -> None:
+def test_multiple_right_hand_sides_are_solved() -> None:
     matrix = second_differences(200)
     solutions = np.random.default_rng(0).normal(size=(200, 7))
     factors = factorise(matrix)
@@ -23,7 +23,7 @@ def test_many_right_hand_sides_are_solved_for() -> None:
     np.testing.assert_allclose(factors.solve(matrix @ solutions[:, 0]), solutions[:, 0], rtol=1e-9, atol=1e-9)
 
 
-def test_pivots_are_those_of_the_diagonal_whose_signs_are_the_inertia() -> None:
+def test_factors_pivot_on_the_diagonal_and_give_the_inertia() -> None:
     # Some off-diagonal entries exceed the diagonal, so partial pivoting would choose them.
     matrix = csc_array(np.array([[1.0, 3.0, 0.0], [3.0, 10.0, 2.0], [0.0, 2.0, -5.0]]))
     factors = factorise(matrix)

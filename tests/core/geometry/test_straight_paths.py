@@ -24,7 +24,7 @@ def flat(points: np.ndarray) -> np.ndarray:
 
 
 def ends(vertices: np.ndarray, triangles: np.ndarray, steps: np.ndarray) -> np.ndarray:
-    """(q, 3) where paths over a bent square end, that begin where `STARTS` are on the flat one."""
+    """(q, 3) ends of paths over a bent square that start at the places of `STARTS` on the flat one."""
     triangle, barycentric = closest_points(flat(STARTS), FLAT, triangles)
     triangle, barycentric = follow_paths(vertices, triangles, triangle, barycentric, steps)
     assert (barycentric >= 0).all()
@@ -32,7 +32,7 @@ def ends(vertices: np.ndarray, triangles: np.ndarray, steps: np.ndarray) -> np.n
     return np.einsum("qc,qcx->qx", barycentric, vertices[triangles[triangle]])
 
 
-def test_paths_in_a_plane_are_straight_and_leave_out_what_points_off_it() -> None:
+def test_paths_in_a_plane_are_straight_and_ignore_normal_steps() -> None:
     steps = flat(STEPS)
     steps[:, 2] = RANDOM.uniform(-1, 1, len(steps))
     np.testing.assert_allclose(ends(FLAT, TRIANGLES, steps), flat(STARTS + STEPS), atol=1e-12)
@@ -40,7 +40,7 @@ def test_paths_in_a_plane_are_straight_and_leave_out_what_points_off_it() -> Non
 
 @pytest.mark.parametrize("angle", [0.5, 2.0, 3.1])
 @pytest.mark.parametrize("mixed", [False, True])
-def test_paths_unfold_over_a_crease_however_triangles_wind(angle: float, mixed: bool) -> None:
+def test_paths_unfold_over_creases_with_any_winding(angle: float, mixed: bool) -> None:
     triangles = TRIANGLES.copy()
     if mixed:
         triangles[::3] = triangles[::3, ::-1]
@@ -55,7 +55,7 @@ def test_paths_unfold_over_a_crease_however_triangles_wind(angle: float, mixed: 
     np.testing.assert_allclose(found, folded(flat(STARTS + STEPS)), atol=1e-12)
 
 
-def test_paths_from_a_vertex_lead_any_way() -> None:
+def test_paths_leave_a_vertex_in_every_direction() -> None:
     middle = np.flatnonzero(np.isclose(FLAT, [0.5, 0.5, 0]).all(axis=1))
     angle = np.linspace(0, 2 * np.pi, 33)
     steps = flat(0.3 * np.column_stack([np.cos(angle), np.sin(angle)]))

@@ -25,12 +25,12 @@ def smooth(points: Floats) -> Floats:
     return points + 0.1 * np.sin(2 * points[:, [1, 2, 0]])
 
 
-def test_affine_maps_cost_no_energy(points: Floats) -> None:
+def test_affine_maps_are_exact_at_high_stiffness(points: Floats) -> None:
     goals = points @ np.array([[2.0, 0.1, 0], [0, 1, 0.3], [0.2, 0, -1]]) + [1, 2, 3]
     assert fit(points, goals, 1e6).deform(points[::7]) == pytest.approx(goals[::7], abs=1e-6)
 
 
-def test_smooth_deformations_are_followed_and_stiffness_averages_noise(points: Floats) -> None:
+def test_smooth_deformations_are_fitted_and_stiffness_reduces_noise(points: Floats) -> None:
     new = np.random.default_rng(1).uniform(-0.8, 0.8, (50, 3))
     assert np.abs(fit(points, smooth(points), 1e-6).deform(new) - smooth(new)).max() < 0.02
     noisy = smooth(points) + 0.05 * np.random.default_rng(2).standard_normal(points.shape)
@@ -38,7 +38,7 @@ def test_smooth_deformations_are_followed_and_stiffness_averages_noise(points: F
     assert stiff < 0.9 * loose
 
 
-def test_normals_turn_with_the_surface_and_stay_outside_under_a_reflection(points: Floats) -> None:
+def test_normals_follow_the_surface_and_stay_outside_when_reflected(points: Floats) -> None:
     at = points[100:120]  # away from the centres, where the spline has no derivative
     for sign in (1.0, -1.0):
         found = fit(points, smooth(points) * [sign, 1, 1], 1e-6)
@@ -48,7 +48,7 @@ def test_normals_turn_with_the_surface_and_stay_outside_under_a_reflection(point
         assert normals == pytest.approx(sign * unit_vectors(cross(*moved)), abs=1e-3)
 
 
-def test_one_weight_for_all_directions_is_that_of_a_multiple_of_the_identity(points: Floats) -> None:
+def test_scalar_weights_equal_multiples_of_the_identity(points: Floats) -> None:
     basis, weights = ThinPlateBasis(points[:60]), np.random.default_rng(3).uniform(0, 1, len(points))
     given = basis, basis.at(points), smooth(points)
     one = ThinPlateFit.of(*given, weights, 1e-3)
@@ -56,7 +56,7 @@ def test_one_weight_for_all_directions_is_that_of_a_multiple_of_the_identity(poi
     assert one.deform(points[::9]) == pytest.approx(other.deform(points[::9]), abs=1e-7)
 
 
-def test_the_bending_energy_grows_with_the_square_of_the_bend(points: Floats) -> None:
+def test_bending_energy_is_quadratic_in_the_deformation(points: Floats) -> None:
     bends = [fit(points, points + size * (smooth(points) - points), 1e-6).bending_energy for size in (0.0, 1.0, 3.0)]
     assert bends[0] == pytest.approx(0, abs=1e-9)
     assert bends[2] == pytest.approx(9 * bends[1], rel=1e-3)

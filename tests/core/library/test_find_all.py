@@ -65,7 +65,7 @@ def run(*arguments: object) -> tuple[int, dict]:
     return outcome.exit_code, json.loads(outcome.stdout)
 
 
-def test_a_folder_of_targets_receives_the_data_of_their_sources_once(
+def test_folder_of_targets_receives_data_and_resumes(
     folders: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     library, scans = folders
@@ -89,7 +89,7 @@ def test_a_folder_of_targets_receives_the_data_of_their_sources_once(
         CliRunner().invoke(main, ["find", *map(str, arguments)], catch_exceptions=False)
 
 
-def test_a_bound_target_is_drawn_as_its_joints_place_it() -> None:
+def test_bound_target_is_drawn_in_the_pose_of_its_joints() -> None:
     source = creature(300, seed=2).surface
     count, turn = len(source.vertices), np.diag([-1.0, -1, 1, 1])
     match = SimpleNamespace(
@@ -105,7 +105,7 @@ def test_a_bound_target_is_drawn_as_its_joints_place_it() -> None:
     np.testing.assert_array_equal(draw_bound(match, skin), expected)
 
 
-def test_a_source_without_a_rig_or_of_blender_is_a_failure_of_its_target_only(
+def test_unsuitable_source_fails_only_its_target(
     folders: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     library, scans = folders
@@ -119,7 +119,7 @@ def test_a_source_without_a_rig_or_of_blender_is_a_failure_of_its_target_only(
     assert not (tmp_path / "out" / "targets").exists()
 
 
-def test_what_does_not_fit_is_shown_beside_the_reason(
+def test_rejected_source_is_pictured_with_the_reason(
     folders: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     library, scans = folders
@@ -131,7 +131,7 @@ def test_what_does_not_fit_is_shown_beside_the_reason(
     assert not (tmp_path / "out" / "targets").exists()
 
 
-def test_several_targets_need_a_folder_that_is_not_one_of_inputs(folders: tuple[Path, Path], tmp_path: Path) -> None:
+def test_several_targets_need_an_output_folder_apart_from_inputs(folders: tuple[Path, Path], tmp_path: Path) -> None:
     library, scans = folders
     assert run(scans, "--library", library)[0] == 2
     inside = tmp_path / "out" / "targets"

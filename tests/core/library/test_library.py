@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A library finds the character that fits a body in any pose, mesh, unit and orientation, and refuses what does not."""
+"""A library finds the character that fits a body in any pose, mesh, unit and orientation, and refuses other bodies."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def instant(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(library_module, "bodies_of", lambda surface: bodies)
 
 
-def test_the_same_creature_in_another_pose_mesh_unit_and_orientation_is_first(folder: Path, target: zo.Surface) -> None:
+def test_same_creature_ranks_first_in_any_pose_mesh_and_unit(folder: Path, target: zo.Surface) -> None:
     with retune(SEARCH, beyond=100.0):
         found = zo.Library(folder).find(target)
     assert [each.path.stem for each in found.ranked] == ["whole", "tailless"]
@@ -116,7 +116,7 @@ def test_maps_between_similar_bodies_may_deform_more() -> None:
     assert not zo.FoundSource("a", 3.0, 0.99, 0.12).fits
 
 
-def test_assets_that_are_far_are_not_matched(folder: Path, target: zo.Surface, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_dissimilar_assets_are_not_matched(folder: Path, target: zo.Surface, monkeypatch: pytest.MonkeyPatch) -> None:
     result = SimpleNamespace(certainty=0.9, chosen=0, candidates=[SimpleNamespace(scores={"total": -20.0})])
     monkeypatch.setattr(search_module, "match", lambda *_: result)
     assets = list(zo.Library(folder).assets())
@@ -139,13 +139,13 @@ def refuse(_: object) -> None:
     raise OSError("It was opened.")
 
 
-def test_files_of_the_listed_size_and_time_are_not_opened(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_files_of_unchanged_size_and_time_are_not_opened(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     zo.Library(folder).prepare()
     monkeypatch.setattr(library_module, "key_of", refuse)
     assert zo.Library(folder).prepare().assets == 2
 
 
-def test_an_interrupted_preparation_goes_on_where_it_ended(
+def test_interrupted_preparation_resumes(
     tmp_path: Path, target: zo.Surface, instant: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for name in ("a", "b"):
@@ -168,7 +168,7 @@ def test_an_interrupted_preparation_goes_on_where_it_ended(
     assert len(list(library.assets())) == 2
 
 
-def test_a_changed_file_is_prepared_again_and_a_removed_one_is_forgotten(
+def test_changed_files_are_prepared_again_and_removed_ones_dropped(
     tmp_path: Path, target: zo.Surface, instant: None
 ) -> None:
     write_shape(target, tmp_path / "a.ply")
@@ -183,7 +183,7 @@ def test_a_changed_file_is_prepared_again_and_a_removed_one_is_forgotten(
     assert len(list((tmp_path / INDEX).glob("*.npz"))) == 1
 
 
-def test_a_damaged_index_is_made_again(tmp_path: Path, target: zo.Surface, instant: None) -> None:
+def test_damaged_index_is_rebuilt(tmp_path: Path, target: zo.Surface, instant: None) -> None:
     write_shape(target, tmp_path / "a.ply")
     library = zo.Library(tmp_path)
     library.prepare()
@@ -205,7 +205,7 @@ def test_a_damaged_index_is_made_again(tmp_path: Path, target: zo.Surface, insta
     assert len(list(library.assets())) == 1
 
 
-def test_a_folder_without_a_place_for_the_index_is_refused_before_the_work(
+def test_unwritable_index_is_refused_before_the_work(
     tmp_path: Path, target: zo.Surface, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     write_shape(target, tmp_path / "a.ply")
@@ -216,7 +216,7 @@ def test_a_folder_without_a_place_for_the_index_is_refused_before_the_work(
 
 @pytest.fixture
 def blender(target: zo.Surface, monkeypatch: pytest.MonkeyPatch) -> dict[str, str]:
-    """Names of the assets in every .blend file, with why they have no surface; sets the program as it is asked for."""
+    """Names of the assets in every .blend file, with the reason why it has no surface, if any; replaces Blender."""
     names: dict[str, str] = {"": ""}
 
     def write_assets(path: Path, folder: Path, program: str | None) -> dict[str, Path | str]:
@@ -228,16 +228,14 @@ def blender(target: zo.Surface, monkeypatch: pytest.MonkeyPatch) -> dict[str, st
     return names
 
 
-def test_files_that_only_blender_reads_are_read_with_its_program(
-    tmp_path: Path, instant: None, blender: dict[str, str]
-) -> None:
+def test_blend_files_are_read_by_the_given_blender(tmp_path: Path, instant: None, blender: dict[str, str]) -> None:
     (tmp_path / "hero.blend").write_bytes(b"BLENDER")
     library = zo.Library(tmp_path, blender="blender-5.2")
     assert library.prepare().assets == 1
     assert [asset.path for asset in library.assets()] == [tmp_path / "hero.blend"]
 
 
-def test_assets_in_a_file_of_blender_are_found_each_by_itself(
+def test_assets_of_a_blend_file_are_listed_separately(
     tmp_path: Path, instant: None, blender: dict[str, str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "pack.blend").write_bytes(b"BLENDER")
@@ -260,7 +258,7 @@ def test_assets_in_a_file_of_blender_are_found_each_by_itself(
     assert not list(library.assets())
 
 
-def test_descriptors_do_not_depend_on_the_order_and_grow_with_the_difference(folder: Path) -> None:
+def test_comparison_is_symmetric_and_grows_with_the_difference(folder: Path) -> None:
     assets = {asset.path.stem: asset.bodies["hull"].descriptor for asset in zo.Library(folder).assets()}
     whole, tailless = assets["whole"], assets["tailless"]
     np.testing.assert_allclose(compare(whole, tailless), compare(tailless, whole))
@@ -299,7 +297,7 @@ def test_commands_prepare_and_find(tmp_path: Path, folder: Path, target: zo.Surf
     assert "Nothing in the library fits" in said
 
 
-def test_mistakes_are_one_sentence(tmp_path: Path, target: zo.Surface) -> None:
+def test_user_errors_are_reported(tmp_path: Path, target: zo.Surface) -> None:
     write_shape(target, tmp_path / "scan.ply")
     (tmp_path / "empty").mkdir()
     code, said = run("find", tmp_path / "scan.ply", "--library", tmp_path / "empty", "--json")

@@ -19,7 +19,7 @@ def test_eigenfunctions_and_anchors_weigh_the_same(k: int, m: int) -> None:
         assert np.argmin(off) == nearest
 
 
-def test_source_and_target_are_compared_by_their_own_anchors() -> None:
+def test_each_shape_is_embedded_with_its_own_anchors() -> None:
     random = np.random.default_rng(0)
     source_rows, C = random.standard_normal((6, 5)), np.linalg.qr(random.standard_normal((5, 5)))[0]
     anchors = Anchors(random.standard_normal((6, 2)), random.standard_normal((6, 2)))

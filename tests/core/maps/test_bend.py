@@ -18,7 +18,7 @@ OWN = SurfaceMap.from_vertices(np.arange(1500), SURFACE)
 UNIT = float(np.sqrt(SURFACE.area))
 
 
-def bent(places: np.ndarray, moves: np.ndarray) -> np.ndarray:
+def displacements_of(places: np.ndarray, moves: np.ndarray) -> np.ndarray:
     """(n, 3) displacements of the images of the identity map."""
     meshes = SURFACE.vertices, SURFACE.vertices, SURFACE.triangles
     return bend.bend(OWN, *meshes, places, moves, 0.1 * UNIT).interpolate(SURFACE.vertices) - SURFACE.vertices
@@ -32,24 +32,24 @@ def along_surface(places: np.ndarray, seed: int = 0) -> np.ndarray:
 
 
 @pytest.mark.parametrize("count", [1, 5, 100, 600])
-def test_places_are_met_and_nothing_overshoots(count: int) -> None:
+def test_bent_map_interpolates_places_without_overshoot(count: int) -> None:
     places = np.random.default_rng(1).choice(1500, count, replace=False)
     moves = along_surface(places)
-    moved = bent(places, moves)
+    moved = displacements_of(places, moves)
     assert np.linalg.norm(moved[places] - moves, axis=1).mean() < 1e-3 * UNIT
     most = np.linalg.norm(moves, axis=1).max()
     assert np.linalg.norm(moved, axis=1).max() < 1.5 * most + 1e-9
 
 
-def test_blocks_make_no_difference(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_block_size_does_not_change_results(monkeypatch: pytest.MonkeyPatch) -> None:
     places = np.arange(0, 1500, 20)
     moves = along_surface(places)
-    whole = bent(places, moves)
+    whole = displacements_of(places, moves)
     monkeypatch.setattr(bend, "BLOCK", 10 * 1500)
-    np.testing.assert_allclose(bent(places, moves), whole, atol=1e-9)
+    np.testing.assert_allclose(displacements_of(places, moves), whole, atol=1e-9)
 
 
-def test_an_image_that_moves_does_not_jump_across_a_gap() -> None:
+def test_moved_images_do_not_jump_across_a_gap() -> None:
     """Two sheets that face each other, joined at one end: the displacement of a place leads from one to the other."""
     flat = grid(np.linspace(-1, 1, 41), np.linspace(0, 1, 21)).vertices
     faces = triangles_of(grid_faces(40, 20))

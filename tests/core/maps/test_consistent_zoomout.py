@@ -38,19 +38,19 @@ def test_functional_maps_close_every_cycle(maps: zo.ConsistentMaps) -> None:
         assert np.abs(around - np.eye(40)).max() < 1e-8
 
 
-def test_maps_are_better_than_their_starts_and_those_of_other_pairs_come_along(maps: zo.ConsistentMaps) -> None:
+def test_maps_of_given_and_other_pairs_improve_on_initial_maps(maps: zo.ConsistentMaps) -> None:
     for source, target in permutations(range(3), 2):
         begun = zo.vertex_map_of(start(source, target), BASES[source], BASES[target])
         assert error(maps.vertex_map(source, target), source, target) < 0.8 * error(begun, source, target)
 
 
-def test_vertex_maps_do_as_well_as_functional_maps(maps: zo.ConsistentMaps) -> None:
+def test_initial_vertex_maps_work_as_well_as_functional_maps(maps: zo.ConsistentMaps) -> None:
     true = {pair: true_vertex(CREATURES[pair[0]], CREATURES[pair[1]]) for pair in ((0, 1), (1, 2))}
     found = zo.consistent_zoomout(BASES, true, 12, 40, 4)
     assert error(found.vertex_map(0, 2), 0, 2) < 2 * error(maps.vertex_map(0, 2), 0, 2)
 
 
-def test_the_sparse_problem_has_the_same_solution(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_sparse_and_dense_solvers_agree(monkeypatch: pytest.MonkeyPatch) -> None:
     from zoomout_core.maps import consistent_zoomout as module
 
     given = {pair: start(*pair) for pair in ((0, 1), (1, 2), (2, 0))}
@@ -69,8 +69,6 @@ def test_the_sparse_problem_has_the_same_solution(monkeypatch: pytest.MonkeyPatc
         (((0, 1), (1, 2)), {"step": 0}, "step"),
     ],
 )
-def test_what_cannot_be_refined_is_refused(
-    pairs: tuple[tuple[int, int], ...], options: dict[str, int], said: str
-) -> None:
+def test_invalid_arguments_are_refused(pairs: tuple[tuple[int, int], ...], options: dict[str, int], said: str) -> None:
     with pytest.raises(ValueError, match=said):
         zo.consistent_zoomout(BASES, {pair: start(*pair) for pair in pairs}, **{"k_final": 40, **options})

@@ -20,21 +20,21 @@ def truth(resting: Creature, bent: Creature) -> np.ndarray:
     return true_vertex(resting, bent)
 
 
-def test_a_surface_map_to_vertices_has_the_functional_map_of_its_vertices(resting, bases, truth) -> None:
+def test_surface_map_to_vertices_converts_like_a_vertex_map(resting, bases, truth) -> None:
     surface_map = zo.SurfaceMap.from_vertices(truth, resting.surface)
     np.testing.assert_allclose(
         zo.functional_map_of(surface_map, *bases, 30, 20), zo.functional_map_of(truth, *bases, 30, 20), atol=1e-12
     )
 
 
-def test_all_functions_are_taken_unless_fewer_are_asked_for(bases, truth) -> None:
+def test_functional_map_uses_all_eigenfunctions_by_default(bases, truth) -> None:
     C = zo.functional_map_of(truth, *bases)
     assert C.shape == (60, 60)
     np.testing.assert_allclose(zo.functional_map_of(truth, *bases, k_source=7), C[:, :7])
     np.testing.assert_allclose(zo.functional_map_of(truth, *bases, k_target=7), C[:7])
 
 
-def test_the_functional_map_carries_functions_that_the_bases_span(bases, truth) -> None:
+def test_functional_map_transfers_functions_in_the_span_of_the_bases(bases, truth) -> None:
     source, target = bases
     smooth = source.eigenvectors[:, :6]
     carried = target.eigenvectors @ zo.functional_map_of(truth, *bases, 6)
@@ -46,7 +46,7 @@ def test_the_precise_map_of_the_identity_is_the_identity(resting, bases) -> None
     np.testing.assert_allclose(identity.interpolate(resting.surface.vertices), resting.surface.vertices, atol=1e-3)
 
 
-def test_points_on_triangles_are_nearer_than_vertices(resting: Creature, bases) -> None:
+def test_precise_map_is_more_accurate_than_vertex_map(resting: Creature, bases) -> None:
     """On another mesh of the same pose, the true image of a point is the point itself."""
     finer = creature(6000, seed=4)
     basis = zo.eigenbasis(finer.surface, 60)
@@ -58,7 +58,7 @@ def test_points_on_triangles_are_nearer_than_vertices(resting: Creature, bases) 
     assert off[1] < 0.6 * off[0]
 
 
-def test_the_precise_map_crosses_borders_that_coincide(resting: Creature, bases, truth) -> None:
+def test_precise_map_crosses_coincident_borders(resting: Creature, bases, truth) -> None:
     """Splitting the source along all edges and adding an unused vertex does not change the image points."""
     C = zo.functional_map_of(truth, *bases, 40, 40)
     corners = resting.surface.triangles.ravel()
@@ -74,7 +74,7 @@ def test_the_precise_map_crosses_borders_that_coincide(resting: Creature, bases,
     )
 
 
-def test_a_cloud_has_a_precise_map(resting: Creature, bases, truth) -> None:
+def test_point_cloud_has_a_precise_map(resting: Creature, bases, truth) -> None:
     cloud = zo.PointCloud(resting.surface.vertices)
     basis = zo.eigenbasis(cloud, 40)
     C = zo.functional_map_of(truth, basis, bases[1], 40, 40)
@@ -95,14 +95,14 @@ def test_a_cloud_has_a_precise_map(resting: Creature, bases, truth) -> None:
         (np.full((4, 4), "a"), "finite numbers"),
     ],
 )
-def test_functional_maps_that_are_none_or_too_large_are_refused(resting, bases, functional_map, sentence) -> None:
+def test_invalid_functional_maps_are_refused(resting, bases, functional_map, sentence) -> None:
     for convert in (zo.vertex_map_of, lambda *given: zo.precise_map_of(*given, resting.surface)):
         with pytest.raises(ValueError, match=sentence) as refusal:
             convert(functional_map, *bases)
         assert "\n" not in str(refusal.value)
 
 
-def test_pointwise_maps_between_other_shapes_are_refused(resting: Creature, bent: Creature, bases, truth) -> None:
+def test_pointwise_maps_of_other_shapes_are_refused(resting: Creature, bent: Creature, bases, truth) -> None:
     onto_resting = zo.SurfaceMap.from_vertices(truth, resting.surface)
     for pointwise, sizes, sentence in (
         (truth[:-1], (), "for each of 2500 target vertices, not for 2499"),

@@ -13,7 +13,7 @@ from zoomout_core.maps.functional_map import eigenvalue_mask, functional_map_of,
 from zoomout_core.spectral.eigenbasis import SpectralBasis
 
 
-def test_the_mask_is_how_far_resolvents_of_eigenvalues_are_apart() -> None:
+def test_resolvent_mask_is_squared_distance_of_resolvents() -> None:
     of_source, of_target = np.array([0.0, 3, 7, 20]), np.array([0.0, 4, 8, 15, 16])
     x_source, x_target = (np.sqrt(values / 20) for values in (of_source, of_target))
     apart = np.abs(1 / (x_target[:, None] - 1j) - 1 / (x_source - 1j)) ** 2
@@ -25,7 +25,7 @@ def test_the_mask_is_how_far_resolvents_of_eigenvalues_are_apart() -> None:
     )
 
 
-def test_the_mask_of_eigenvalues_is_their_squared_difference() -> None:
+def test_eigenvalue_mask_is_squared_difference() -> None:
     of_source, of_target = np.array([0.0, 3, 7]), np.array([0.0, 4])
     apart = np.array([[0.0, 9, 49], [16, 1, 9]])
     np.testing.assert_allclose(eigenvalue_mask(of_source, of_target), apart / apart.mean(axis=1, keepdims=True))
@@ -97,7 +97,7 @@ def test_gradient_and_curvature_are_the_derivatives_of_the_energy(part: str) -> 
 
 
 @pytest.mark.parametrize("mask", ["eigenvalues", "resolvent"])
-def test_a_fit_is_the_least_of_its_energy_solved_either_way(bases, signatures, mask, monkeypatch) -> None:
+def test_fit_minimizes_the_energy_with_either_solver(bases, signatures, mask, monkeypatch) -> None:
     k_source, k_target, a, b, c = 9, 11, 0.3, 0.7, 0.2
     F, G = (each / np.sqrt(basis.areas @ each**2) for basis, each in zip(bases, signatures, strict=True))
     Y, X = zo.multiplication_operators(bases[0], F, k_source), zo.multiplication_operators(bases[1], G, k_target)
@@ -123,7 +123,7 @@ def test_a_fit_is_the_least_of_its_energy_solved_either_way(bases, signatures, m
     )
 
 
-def test_the_signs_of_eigenvectors_change_no_map(source, copy, bases, signatures) -> None:
+def test_eigenvector_signs_do_not_change_the_fit(source, copy, bases, signatures) -> None:
     signs = np.random.default_rng(1).choice([-1.0, 1.0], size=60)
     signs[0] = -1
     turned = SpectralBasis(bases[0].eigenvalues, bases[0].eigenvectors * signs, bases[0].areas, bases[0].points)
@@ -140,7 +140,7 @@ def test_the_signs_of_eigenvectors_change_no_map(source, copy, bases, signatures
     np.testing.assert_allclose(maps[0] * signs[:10], maps[1], atol=1e-7)
 
 
-def test_the_constant_function_of_a_surface_of_parts_goes_to_itself(source) -> None:
+def test_constant_function_of_disconnected_surface_maps_to_itself(source) -> None:
     surface = source.surface
     joined = zo.Surface.joined([surface, surface.with_vertices(surface.vertices * 0.5 + 9)])
     basis = zo.eigenbasis(joined, 12)
@@ -151,7 +151,7 @@ def test_the_constant_function_of_a_surface_of_parts_goes_to_itself(source) -> N
     assert np.abs(constant[1]) > 0.1
 
 
-def test_on_bases_of_other_areas_the_same_functions_correspond(bases, signatures) -> None:
+def test_bases_at_other_areas_match_the_same_functions(bases, signatures) -> None:
     source, target = bases
     C = zo.fit_functional_map(source, target.at_area(0.25), *signatures, 8)
     np.testing.assert_allclose(C[:, 0], 0.5 * np.eye(8)[0], atol=1e-9)
@@ -159,13 +159,13 @@ def test_on_bases_of_other_areas_the_same_functions_correspond(bases, signatures
     np.testing.assert_allclose(C @ next(constants), next(constants), atol=1e-9)
 
 
-def test_more_copies_of_a_descriptor_weigh_no_more(bases, signatures) -> None:
+def test_duplicate_descriptors_do_not_change_the_fit(bases, signatures) -> None:
     once = zo.fit_functional_map(*bases, *signatures, 8)
     twice = zo.fit_functional_map(*bases, *(np.hstack([each, each]) for each in signatures), 8)
     np.testing.assert_allclose(once, twice, atol=1e-6)
 
 
-def test_units_of_descriptors_do_not_matter_unless_they_shall(bases, signatures) -> None:
+def test_descriptor_units_matter_only_without_normalization(bases, signatures) -> None:
     scaled = signatures[0] * 5, signatures[1] * 7
     np.testing.assert_allclose(
         zo.fit_functional_map(*bases, *signatures, 8), zo.fit_functional_map(*bases, *scaled, 8), atol=1e-6
@@ -176,7 +176,7 @@ def test_units_of_descriptors_do_not_matter_unless_they_shall(bases, signatures)
 
 @pytest.mark.parametrize("reflected", [False, True])
 @pytest.mark.parametrize("orientation", ["keep", "reverse"])
-def test_the_orientation_tells_a_copy_from_its_mirror_image(
+def test_orientation_distinguishes_a_copy_from_its_mirror_image(
     source, copy, bases, signatures, orientation, reflected
 ) -> None:
     surface, same = copy
@@ -192,7 +192,7 @@ def test_the_orientation_tells_a_copy_from_its_mirror_image(
     assert zo.geodesic_error(found, source.surface, everywhere, wrong).mean() > 0.2
 
 
-def test_multiplication_makes_few_descriptors_enough(bases, copy) -> None:
+def test_few_descriptors_suffice_with_multiplication_operators(bases, copy) -> None:
     source, target = bases
     f = zo.wave_kernel_map(source, [5], 4)
     maps = [
@@ -206,7 +206,7 @@ def test_multiplication_makes_few_descriptors_enough(bases, copy) -> None:
 
 @pytest.mark.parametrize("dense", [0, 10_000])
 @pytest.mark.parametrize("value", [0.0, 3.0])
-def test_what_no_descriptor_decides_stays_zero(bases, value, dense, monkeypatch) -> None:
+def test_undetermined_entries_stay_zero(bases, value, dense, monkeypatch) -> None:
     monkeypatch.setattr(descriptor_fit, "DENSE", dense)
     same = np.full(1000, value)
     nothing = np.zeros((1, 8, 8)), np.zeros((1, 8, 8))
@@ -214,7 +214,7 @@ def test_what_no_descriptor_decides_stays_zero(bases, value, dense, monkeypatch)
     np.testing.assert_allclose(C, np.diag([1.0] + [0] * 7), atol=1e-4)
 
 
-def test_what_does_not_fit_is_refused(bases, signatures) -> None:
+def test_invalid_arguments_are_refused(bases, signatures) -> None:
     f, g = signatures
     hole = f.copy()
     hole[0, 0] = np.inf

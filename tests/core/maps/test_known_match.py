@@ -25,7 +25,7 @@ def path(tmp_path: Path) -> Path:
     return tmp_path / "map.npz"
 
 
-def test_it_is_what_was_written_and_all_is_trusted_of_which_nothing_is_said(path: Path) -> None:
+def test_load_restores_stored_values_and_defaults_missing_ones(path: Path) -> None:
     match = KnownMatch.load(path, SOURCE, TARGET)
     np.testing.assert_array_equal(match.surface_map.vertex, np.arange(100) % 90)
     np.testing.assert_array_equal(match.confidence, TRUSTED)
@@ -40,13 +40,13 @@ def test_another_target_is_refused(path: Path) -> None:
         KnownMatch.load(path, SOURCE, creature(80, seed=2).surface)
 
 
-def test_another_order_of_the_source_s_triangles_is_refused(path: Path) -> None:
+def test_reordered_source_triangles_are_refused(path: Path) -> None:
     turned = zo.Surface(SOURCE.vertices, SOURCE.triangles[::-1])
     with pytest.raises(zo.MeshError, match="onto another source than this one of 120 vertices"):
         KnownMatch.load(path, turned, TARGET)
 
 
-def test_values_of_another_mesh_are_refused(path: Path) -> None:
+def test_source_values_of_wrong_length_are_refused(path: Path) -> None:
     zo.SurfaceMap.from_vertices(np.arange(100) % 90, SOURCE).save(path, source_has_partner=np.ones(7))
     with pytest.raises(zo.MeshError, match="onto another source"):
         KnownMatch.load(path, SOURCE, TARGET)

@@ -12,7 +12,7 @@ BODY = creature(1500, seed=1, bend=0.3).surface
 X = BODY.vertices[:, 0]
 
 
-def test_nothing_is_taken_outside_the_mask_and_all_deep_inside():
+def test_shares_are_zero_outside_the_mask_and_one_deep_inside():
     right = np.median(X) < X
     mask = right.astype(float)
     shares = redo_shares(mask, BODY)
@@ -25,7 +25,7 @@ def test_nothing_is_taken_outside_the_mask_and_all_deep_inside():
     assert (across <= 1.5 * long / (TRANSITION_WIDTH * np.sqrt(BODY.area)) + 1e-9).all()
 
 
-def test_a_mask_narrower_than_the_transition_still_takes_all_in_its_middle():
+def test_mask_narrower_than_transition_still_reaches_one():
     length = np.linalg.norm(np.ptp(BODY.vertices[BODY.edges], axis=1), axis=1)
     longest = np.zeros(len(X))
     np.maximum.at(longest, BODY.edges.ravel(), np.repeat(length, 2))
@@ -37,14 +37,14 @@ def test_a_mask_narrower_than_the_transition_still_takes_all_in_its_middle():
     assert redo_shares(ring, BODY).max() == 1
 
 
-def test_a_part_that_is_all_masked_and_soft_paint_are_taken_as_they_are():
+def test_uniform_and_soft_masks_are_kept_unchanged():
     both = zo.Surface.joined([BODY, BODY])
     mask = np.r_[np.zeros(len(X)), np.full(len(X), 0.5)]
     np.testing.assert_array_equal(redo_shares(mask, both), mask)
     np.testing.assert_array_equal(redo_shares(np.ones(len(X)), BODY), 1)
 
 
-def test_images_are_the_old_and_the_new_ones_exactly_and_between_them_in_between():
+def test_shares_of_zero_and_one_give_old_and_new_images_exactly():
     before = zo.SurfaceMap.from_vertices(np.arange(len(X)), BODY)
     after = zo.SurfaceMap.from_vertices(np.full(len(X), 7), BODY)
     shares = np.linspace(0, 1, len(X))
@@ -56,7 +56,7 @@ def test_images_are_the_old_and_the_new_ones_exactly_and_between_them_in_between
 
 
 @pytest.mark.parametrize("share", [0.25, 0.75])
-def test_between_old_and_new_lies_the_mixture(share):
+def test_partial_share_mixes_old_and_new_images(share):
     ends = BODY.edges[::7]
     of_target = np.zeros(len(X), int), np.zeros(len(X), int)
     of_target[0][: len(ends)], of_target[1][: len(ends)] = ends.T

@@ -27,7 +27,7 @@ def onto(resting: Creature, finer: Creature) -> SurfaceMap:
     return SurfaceMap(*place, resting.surface.triangles)
 
 
-def test_positions_and_linear_functions_are_carried_exactly(
+def test_positions_and_linear_functions_are_interpolated_exactly(
     resting: Creature, onto: SurfaceMap, finer: Creature
 ) -> None:
     images = onto.interpolate(resting.surface.vertices)
@@ -37,14 +37,14 @@ def test_positions_and_linear_functions_are_carried_exactly(
 
 
 @pytest.mark.parametrize("shape", [(), (1,), (2,), (40,), (3, 3)])
-def test_values_of_any_shape_are_mixed_by_the_weights_of_the_corners(resting, onto, shape: tuple[int, ...]) -> None:
+def test_values_of_any_shape_are_mixed_by_barycentric_weights(resting, onto, shape: tuple[int, ...]) -> None:
     values = np.random.default_rng(0).standard_normal((len(resting.surface.vertices), *shape))
     corners = values[onto.source_triangles[onto.triangle]]
     weights = onto.barycentric.reshape(*onto.barycentric.shape, *[1] * len(shape))
     np.testing.assert_allclose(onto.interpolate(values), (weights * corners).sum(axis=1), atol=1e-14)
 
 
-def test_interpolation_needs_no_array_of_the_values_at_all_corners(resting, onto) -> None:
+def test_interpolation_does_not_gather_values_at_all_corners(resting, onto) -> None:
     values = np.ones((len(resting.surface.vertices), 100))
     tracemalloc.start()
     found = onto.interpolate(values)
@@ -53,25 +53,25 @@ def test_interpolation_needs_no_array_of_the_values_at_all_corners(resting, onto
     assert peak < 1.5 * found.nbytes
 
 
-def test_the_nearest_vertex_is_the_one_that_weighs_most(resting: Creature, onto: SurfaceMap) -> None:
+def test_nearest_vertex_has_the_largest_weight(resting: Creature, onto: SurfaceMap) -> None:
     heaviest = onto.source_triangles[onto.triangle, onto.barycentric.argmax(axis=1)]
     assert np.array_equal(onto.vertex, heaviest)
 
 
-def test_a_vertex_map_is_kept_to_the_vertex(resting: Creature) -> None:
+def test_vertex_map_is_stored_exactly(resting: Creature) -> None:
     vertex = np.random.default_rng(0).integers(len(resting.surface.vertices), size=500)
     surface_map = SurfaceMap.from_vertices(vertex, resting.surface)
     assert np.array_equal(surface_map.vertex, vertex)
     np.testing.assert_array_equal(surface_map.interpolate(resting.surface.vertices), resting.surface.vertices[vertex])
 
 
-def test_inverting_leads_back(resting: Creature, finer: Creature, onto: SurfaceMap) -> None:
+def test_inverse_maps_back(resting: Creature, finer: Creature, onto: SurfaceMap) -> None:
     back = onto.invert(resting.surface, finer.surface)
     returned = back.interpolate(onto.interpolate(resting.surface.vertices))
     assert np.linalg.norm(returned - resting.surface.vertices, axis=1).max() < 0.12
 
 
-def test_points_inside_faces_lie_between_the_images_of_their_corners(resting, finer, onto) -> None:
+def test_points_inside_faces_map_between_the_images_of_corners(resting, finer, onto) -> None:
     random = np.random.default_rng(0)
     triangle = random.integers(len(finer.surface.triangles), size=3000)
     barycentric = random.dirichlet([1, 1, 1], 3000)
@@ -80,7 +80,7 @@ def test_points_inside_faces_lie_between_the_images_of_their_corners(resting, fi
     assert np.linalg.norm(inside.interpolate(resting.surface.vertices) - expected, axis=1).max() < 0.12
 
 
-def test_a_map_survives_a_file(tmp_path: Path, resting: Creature, onto: SurfaceMap) -> None:
+def test_map_survives_saving_and_loading(tmp_path: Path, resting: Creature, onto: SurfaceMap) -> None:
     onto.save(tmp_path / "map.npz", confidence=np.ones(len(onto.triangle)))
     with np.load(tmp_path / "map.npz") as file:
         assert set(file.files) == {"triangle", "barycentric", "vertex", "confidence"}
@@ -90,12 +90,12 @@ def test_a_map_survives_a_file(tmp_path: Path, resting: Creature, onto: SurfaceM
 
 
 @pytest.mark.parametrize(("saved", "loaded"), [("map", "map"), ("map", "map.npz"), ("map.npz", "map")])
-def test_a_file_is_found_by_the_name_that_it_was_saved_by(tmp_path, resting, onto, saved: str, loaded: str) -> None:
+def test_suffix_is_optional_when_saving_and_loading(tmp_path, resting, onto, saved: str, loaded: str) -> None:
     onto.save(tmp_path / saved)
     assert np.array_equal(SurfaceMap.load(tmp_path / loaded, resting.surface).triangle, onto.triangle)
 
 
-def refused(path: Path, source: Surface) -> str:
+def refusal_of(path: Path, source: Surface) -> str:
     with pytest.raises(MeshError) as refusal:
         SurfaceMap.load(path, source)
     message = str(refusal.value)
@@ -105,28 +105,28 @@ def refused(path: Path, source: Surface) -> str:
     return message
 
 
-def test_a_file_that_does_not_fit_is_refused(tmp_path: Path, resting: Creature, onto: SurfaceMap) -> None:
+def test_missing_or_mismatched_files_are_refused(tmp_path: Path, resting: Creature, onto: SurfaceMap) -> None:
     onto.save(tmp_path / "map.npz")
     small = Surface(resting.surface.vertices, resting.surface.triangles[:50])
-    assert "another source" in refused(tmp_path / "map.npz", small)
+    assert "another source" in refusal_of(tmp_path / "map.npz", small)
     np.savez(tmp_path / "other.npz", something=1)
-    assert "barycentric and triangle" in refused(tmp_path / "other.npz", resting.surface)
-    assert "no file" in refused(tmp_path / "missing.npz", resting.surface)
+    assert "barycentric and triangle" in refusal_of(tmp_path / "other.npz", resting.surface)
+    assert "no file" in refusal_of(tmp_path / "missing.npz", resting.surface)
 
 
 @pytest.mark.parametrize("content", [b"", b"junk", b"PK\x03\x04 junk", b"\x93NUMPY junk", b"\x80\x04junk"])
-def test_a_file_that_is_no_map_is_refused(tmp_path: Path, resting: Creature, content: bytes) -> None:
+def test_files_of_other_formats_are_refused(tmp_path: Path, resting: Creature, content: bytes) -> None:
     (tmp_path / "junk.npz").write_bytes(content)
-    assert "not an .npz file" in refused(tmp_path / "junk.npz", resting.surface)
+    assert "not an .npz file" in refusal_of(tmp_path / "junk.npz", resting.surface)
 
 
-def test_arrays_that_are_not_numbers_or_cut_off_are_refused(tmp_path, resting: Creature, onto: SurfaceMap) -> None:
+def test_object_arrays_and_truncated_files_are_refused(tmp_path, resting: Creature, onto: SurfaceMap) -> None:
     np.savez(tmp_path / "objects.npz", triangle=np.array([None]), barycentric=np.array([None]))
     onto.save(tmp_path / "whole.npz")
     (tmp_path / "cut.npz").write_bytes((tmp_path / "whole.npz").read_bytes()[:5000])
     np.save(tmp_path / "array.npy", np.zeros(3))
     for name in ("objects.npz", "cut.npz", "array.npy"):
-        assert "contains no map" in refused(tmp_path / name, resting.surface)
+        assert "contains no map" in refusal_of(tmp_path / name, resting.surface)
 
 
 @pytest.mark.parametrize(
@@ -143,19 +143,19 @@ def test_arrays_that_are_not_numbers_or_cut_off_are_refused(tmp_path, resting: C
         ("barycentric", lambda array: array > 0, "bool"),
     ],
 )
-def test_a_map_with_wrong_numbers_is_refused(tmp_path, resting, onto, name, change, sentence) -> None:
+def test_maps_with_invalid_values_are_refused(tmp_path, resting, onto, name, change, sentence) -> None:
     arrays = {"triangle": onto.triangle - onto.triangle.min(), "barycentric": onto.barycentric}
     np.savez(tmp_path / "map.npz", **arrays | {name: change(arrays[name])})
-    assert sentence in refused(tmp_path / "map.npz", resting.surface)
+    assert sentence in refusal_of(tmp_path / "map.npz", resting.surface)
 
 
 @pytest.mark.parametrize("vertex", [[4000], [-1], [0.5], [np.nan], [[0]], [True], ["a"]])
-def test_a_vertex_map_to_nowhere_is_refused(resting: Creature, vertex: list[object]) -> None:
+def test_vertex_maps_to_invalid_vertices_are_refused(resting: Creature, vertex: list[object]) -> None:
     with pytest.raises(ValueError, match="Images on the source must be"):
         SurfaceMap.from_vertices(np.array(vertex), resting.surface)
 
 
-def test_a_vertex_map_to_a_vertex_without_a_face_is_refused(resting: Creature) -> None:
+def test_vertex_map_to_a_vertex_without_faces_is_refused(resting: Creature) -> None:
     partial = Surface(resting.surface.vertices, resting.surface.triangles[:50])
     unused = np.setdiff1d(np.arange(len(partial.vertices)), partial.triangles)[0]
     with pytest.raises(MeshError, match=f"vertex {unused} of the source, which belongs to no face"):
@@ -167,7 +167,7 @@ def test_the_true_map_of_another_pose_is_accepted(resting: Creature, bent: Creat
     assert len(surface_map.triangle) == len(bent.surface.vertices)
 
 
-def test_the_vertices_of_a_file_are_read_without_its_surfaces(tmp_path, onto) -> None:
+def test_vertex_map_is_read_without_surfaces(tmp_path, onto) -> None:
     onto.save(tmp_path / "map.npz")
     np.testing.assert_array_equal(read_vertex_map(tmp_path / "map.npz"), onto.vertex)
     (tmp_path / "empty.npz").touch()

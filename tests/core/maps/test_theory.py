@@ -43,8 +43,8 @@ def laplacian(surface: zo.Surface, functions: np.ndarray) -> np.ndarray:
     return (stiffness @ functions) / areas[:, None]
 
 
-def test_a_map_is_an_isometry_exactly_when_its_functional_map_is_diagonal_and_orthonormal(shapes: Shapes) -> None:
-    """It also commutes with the Laplacian exactly then: a moved copy has all properties, a stretched one none."""
+def test_only_isometries_have_diagonal_orthonormal_functional_maps(shapes: Shapes) -> None:
+    """Nor do other maps commute with the Laplacian: a moved copy has all three properties, a stretched one has none."""
     random, source = np.random.default_rng(3), shapes.source
     order = random.permutation(len(source.vertices))
     place = np.argsort(order)
@@ -66,7 +66,7 @@ def test_a_map_is_an_isometry_exactly_when_its_functional_map_is_diagonal_and_or
     assert min(misses(source.vertices * [1, 1, 2])) > 0.2
 
 
-def test_zoomout_lowers_its_energy_from_step_to_step(shapes: Shapes) -> None:
+def test_zoomout_lowers_its_energy_in_every_step(shapes: Shapes) -> None:
     """The energy of each step's pointwise map is evaluated in all functions of the bases."""
     C = zo.functional_map_of(shapes.truth, shapes.basis_source, shapes.basis_target, 8, 8)
     vertex = zo.vertex_map_of(C, shapes.basis_source, shapes.basis_target)
@@ -79,7 +79,7 @@ def test_zoomout_lowers_its_energy_from_step_to_step(shapes: Shapes) -> None:
 
 
 @pytest.mark.parametrize("samples", [None, 300])
-def test_the_signs_of_eigenvectors_change_no_pointwise_map(shapes: Shapes, samples: int | None) -> None:
+def test_eigenvector_signs_do_not_change_pointwise_maps(shapes: Shapes, samples: int | None) -> None:
     random = np.random.default_rng(1)
     signs = random.choice([-1.0, 1.0], size=(2, 60))
     bases = shapes.basis_source, shapes.basis_target

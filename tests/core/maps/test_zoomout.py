@@ -89,7 +89,7 @@ def test_swapping_the_shapes_inverts_a_bijection(basis, moved, moved_basis) -> N
 
 
 @pytest.mark.slow
-def test_refinement_improves_a_coarse_start_on_another_pose_and_topology(resting, bent, resting_basis) -> None:
+def test_refinement_improves_coarse_map_across_pose_and_topology(resting, bent, resting_basis) -> None:
     other = eigenbasis(bent.surface, 100)
     truth = true_vertex(resting, bent)
     C = functional_map_of(truth, resting_basis, other, 8, 8)
@@ -107,7 +107,7 @@ def test_refinement_improves_a_coarse_start_on_another_pose_and_topology(resting
 
 @pytest.mark.parametrize("samples", [None, 500])
 @pytest.mark.parametrize(("size", "final"), [((20, 24), (60, 64)), ((24, 20), (64, 60))])
-def test_a_rectangular_start_stays_rectangular(basis, moved_basis, moved, samples, size, final) -> None:
+def test_rectangular_initial_map_stays_rectangular(basis, moved_basis, moved, samples, size, final) -> None:
     C = functional_map_of(moved[1], basis, moved_basis, size[1], size[0])
     refined = zoomout(basis, moved_basis, C, k_final=64, samples=samples)
     assert refined.functional_map.shape == final
@@ -115,7 +115,7 @@ def test_a_rectangular_start_stays_rectangular(basis, moved_basis, moved, sample
 
 
 @pytest.mark.parametrize("samples", [None, 300])
-def test_sizes_that_grow_evenly_are_the_usual_ones(basis, moved_basis, moved, samples) -> None:
+def test_evenly_growing_sizes_equal_the_default_ones(basis, moved_basis, moved, samples) -> None:
     C, vertex = functional_map_of(moved[1], basis, moved_basis, 10, 10), np.roll(moved[1], 1)
     for start, sizes in ((C, range(15, 41, 5)), (vertex, [20, (25, 25), *range(30, 41, 5)])):
         usual = zoomout(basis, moved_basis, start, k_final=40, samples=samples)
@@ -126,13 +126,13 @@ def test_sizes_that_grow_evenly_are_the_usual_ones(basis, moved_basis, moved, sa
 
 @pytest.mark.parametrize("samples", [None, 60])
 @pytest.mark.parametrize("sizes", [[(30, 10)], [50, (20, 40), (37, 53)], np.array([[30, 20], [24, 28]])])
-def test_any_sizes_are_gone_through_to_the_last(basis, moved_basis, moved, sizes, samples) -> None:
+def test_refined_map_has_the_last_of_the_given_sizes(basis, moved_basis, moved, sizes, samples) -> None:
     for start in (functional_map_of(moved[1], basis, moved_basis, 10, 12), moved[1]):
         refined = zoomout(basis, moved_basis, start, sizes=sizes, samples=samples)
         assert refined.functional_map.shape == tuple(sizes[-1])
 
 
-def test_samples_can_be_chosen(basis, moved_basis, moved) -> None:
+def test_samples_can_be_given_as_vertices(basis, moved_basis, moved) -> None:
     C = functional_map_of(moved[1], basis, moved_basis, 8, 8)
     farthest = farthest_points(basis.points, 200), farthest_points(moved_basis.points, 200)
     counted = zoomout(basis, moved_basis, C, k_final=60, samples=200)
@@ -144,14 +144,14 @@ def test_samples_can_be_chosen(basis, moved_basis, moved) -> None:
     assert (any_others.vertex == moved[1]).mean() > 0.99
 
 
-def test_fewer_samples_than_the_basis_has_functions_are_enough_for_a_smaller_map(basis, moved_basis, moved) -> None:
+def test_fewer_samples_than_eigenfunctions_suffice_for_small_maps(basis, moved_basis, moved) -> None:
     C = functional_map_of(moved[1], basis, moved_basis, 8, 8)
     refined = zoomout(basis, moved_basis, C, k_final=40, samples=60)
     assert (refined.vertex == moved[1]).mean() > 0.99
 
 
 @pytest.mark.parametrize("samples", [None, 400])
-def test_both_ways_a_moved_copy_is_recovered_with_its_inverse(basis, moved, moved_basis, samples) -> None:
+def test_both_ways_recovers_moved_copy_and_its_inverse(basis, moved, moved_basis, samples) -> None:
     C = functional_map_of(moved[1], basis, moved_basis, 6, 6)
     there, back = zoomout_both_ways(basis, moved_basis, C, k_final=50, samples=samples)
     assert np.array_equal(there.vertex, moved[1])
@@ -159,13 +159,13 @@ def test_both_ways_a_moved_copy_is_recovered_with_its_inverse(basis, moved, move
     np.testing.assert_allclose(there.functional_map @ back.functional_map, np.eye(50), atol=1e-3)
 
 
-def test_both_ways_sizes_are_the_other_way_round_for_the_inverse(basis, moved, moved_basis) -> None:
+def test_both_ways_swaps_sizes_for_the_inverse(basis, moved, moved_basis) -> None:
     there, back = zoomout_both_ways(basis, moved_basis, moved[1], sizes=[20, (30, 40)])
     assert there.functional_map.shape == (30, 40)
     assert back.functional_map.shape == (40, 30)
 
 
-def test_both_ways_a_start_that_is_mostly_wrong_is_overcome(resting, bent, resting_basis) -> None:
+def test_both_ways_halves_the_error_of_mostly_wrong_initial_map(resting, bent, resting_basis) -> None:
     other, truth, random = eigenbasis(bent.surface, 60), true_vertex(resting, bent), np.random.default_rng(0)
     start = np.where(random.random(len(truth)) < 0.8, random.integers(4000, size=len(truth)), truth)
     alone = zoomout(resting_basis, other, start, k_final=60).vertex
@@ -185,7 +185,7 @@ def half(bent: Creature) -> tuple[Surface, np.ndarray]:
     return Surface(bent.surface.vertices[used], triangles.reshape(-1, 3)), used
 
 
-def test_a_part_is_refined_best_by_sizes_along_the_slant(resting, bent, resting_basis, half) -> None:
+def test_slanted_sizes_refine_a_part_better_than_square_ones(resting, bent, resting_basis, half) -> None:
     part, used = half
     truth = true_vertex(resting, bent)[used]
     other = eigenbasis(part, 100).at_area(part.area / resting.surface.area)
@@ -206,12 +206,12 @@ def test_a_part_is_refined_best_by_sizes_along_the_slant(resting, bent, resting_
     )  # not rescaled
 
 
-def test_wholes_have_square_sizes(basis: SpectralBasis, moved_basis: SpectralBasis) -> None:
+def test_slanted_sizes_of_equal_bases_are_square(basis: SpectralBasis, moved_basis: SpectralBasis) -> None:
     assert slanted_sizes(basis, basis, k_initial=5, k_final=21, step=8) == [(5, 5), (13, 13), (21, 21)]
     assert slanted_sizes(basis, basis, k_initial=50, k_final=30) == [(30, 30)]
 
 
-def test_a_basis_at_another_area_is_that_of_the_scaled_surface(basis: SpectralBasis) -> None:
+def test_basis_at_another_area_equals_that_of_scaled_surface(basis: SpectralBasis) -> None:
     larger = basis.at_area(4.0)
     np.testing.assert_allclose(larger.coefficients(larger.eigenvectors), np.eye(100), atol=1e-5)
     np.testing.assert_allclose(larger.eigenvalues * 4, basis.eigenvalues)
@@ -230,19 +230,19 @@ def test_a_basis_at_another_area_is_that_of_the_scaled_surface(basis: SpectralBa
         ({"step": 0.5}, r"step is 0\.5"),
     ],
 )
-def test_slants_beyond_the_bases_are_refused(basis: SpectralBasis, arguments, sentence) -> None:
+def test_slanted_sizes_refuse_invalid_arguments(basis: SpectralBasis, arguments, sentence) -> None:
     with pytest.raises(ValueError, match=sentence):
         slanted_sizes(basis, basis, **({"k_final": 100} | arguments))
 
 
-def test_a_slant_needs_the_parts_functions_up_to_the_highest_frequency(basis: SpectralBasis) -> None:
+def test_slanted_sizes_need_part_functions_up_to_highest_frequency(basis: SpectralBasis) -> None:
     few = SpectralBasis(basis.eigenvalues[:30] * 2, basis.eigenvectors[:, :30], basis.areas, basis.points)
     with pytest.raises(ValueError, match="100 eigenfunctions of the whole and 30 of the part are too few"):
         slanted_sizes(basis, few, k_final=100)
     assert slanted_sizes(basis, few, k_final=40)[-1][1] == 40
 
 
-def test_nested_factors_fit_like_least_squares(basis: SpectralBasis) -> None:
+def test_sampled_basis_fits_like_least_squares(basis: SpectralBasis) -> None:
     samples = farthest_points(basis.points, 150)
     sampled = SampledBasis.of(basis, samples)
     values = np.random.default_rng(1).standard_normal((150, 4))
@@ -262,7 +262,7 @@ def test_nearest_neighbours_are_exact(k: int) -> None:
     assert (found == squared.argmin(axis=1)).mean() >= 0.998
 
 
-def test_nearest_among_candidates_is_the_nearest_of_them() -> None:
+def test_nearest_among_returns_the_nearest_candidate() -> None:
     random = np.random.default_rng(0)
     points, queries = random.standard_normal((2000, 40)), random.standard_normal((700, 40))
     candidates = random.integers(2000, size=(700, 12))
@@ -317,21 +317,21 @@ def test_nearest_among_candidates_is_the_nearest_of_them() -> None:
         (np.eye(101), {"sizes": [20]}, "larger than the bases"),
     ],
 )
-def test_arguments_that_do_not_fit_are_refused(basis, initial, arguments, sentence) -> None:
+def test_invalid_arguments_are_refused(basis, initial, arguments, sentence) -> None:
     for refine in (zoomout, zoomout_both_ways):
         with pytest.raises(ValueError, match=sentence) as refusal:
             refine(basis, basis, initial, **arguments)
         assert "\n" not in str(refusal.value)
 
 
-def test_a_vertex_map_of_whole_floats_is_one(basis: SpectralBasis) -> None:
+def test_vertex_map_of_integral_floats_is_accepted(basis: SpectralBasis) -> None:
     identity = np.arange(2500.0)
     assert np.array_equal(zoomout(basis, basis, identity, k_final=40).vertex, np.arange(2500))
 
 
 @pytest.mark.slow(but=1)
 @pytest.mark.parametrize(("dimension", "noise"), [(20, 0.01), (60, 0.5), (60, 50.0)])
-def test_of_many_points_most_are_ruled_out_but_never_the_nearest(dimension: int, noise: float) -> None:
+def test_clustered_search_never_prunes_the_nearest_point(dimension: int, noise: float) -> None:
     random = np.random.default_rng(0)
     # A curved surface in many dimensions, like an embedding; noise makes it ever less like one.
     place, mixing = random.random((12_000, 2)), random.standard_normal((2, dimension)) * 6
@@ -347,7 +347,7 @@ def test_of_many_points_most_are_ruled_out_but_never_the_nearest(dimension: int,
     np.testing.assert_allclose(distance, least, atol=1e-4)
 
 
-def test_many_equal_points_are_no_harder() -> None:
+def test_nearest_neighbours_are_found_among_duplicates() -> None:
     points = np.repeat(np.eye(20), 600, axis=0)
     found = nearest(points + 0.01, points)
     np.testing.assert_array_equal(points[found], points)

@@ -39,7 +39,7 @@ def test_a_large_mesh_keeps_its_surface_and_its_topology() -> None:
     assert off.max() < 0.03
 
 
-def test_every_vertex_went_into_one_nearby() -> None:
+def test_every_vertex_maps_to_a_nearby_one() -> None:
     working = fine_creature().working
     points, _, merged = decimate(working.vertices, working.oriented_triangles, 3000)
     away = np.linalg.norm(points[merged] - working.vertices, axis=1)
@@ -67,7 +67,7 @@ def test_coarse_limbs_of_a_large_mesh_are_not_thinned_away() -> None:
 
 
 @pytest.mark.parametrize("unit", [0.001, 0.3937, 1000.0])
-def test_facets_of_remeshed_solids_end_up_in_the_same_places_in_every_unit(unit: float) -> None:
+def test_facets_of_remeshed_solids_decimate_alike_in_every_unit(unit: float) -> None:
     points = np.random.default_rng(3).standard_normal((12, 3))
     vertices, triangles = points / np.linalg.norm(points, axis=1, keepdims=True), ConvexHull(points).simplices
     for _ in range(4):
@@ -85,7 +85,7 @@ def test_round_shapes_are_not_displaced(monkeypatch: pytest.MonkeyPatch) -> None
     np.testing.assert_array_equal(decimate(working.vertices, working.oriented_triangles, 600)[0], points)
 
 
-def test_a_mesh_that_is_small_already_stays() -> None:
+def test_meshes_below_the_requested_size_are_unchanged() -> None:
     working = creature(2000).surface.working
     points, triangles, merged = decimate(working.vertices, working.oriented_triangles, 4000)
     np.testing.assert_allclose(points, working.vertices, atol=1e-6)

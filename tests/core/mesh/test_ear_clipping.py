@@ -91,7 +91,7 @@ def test_triangles_cover_the_polygon_once_in_milliseconds(name: str) -> None:
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_the_frame_does_not_matter(seed: int) -> None:
+def test_triangulation_does_not_depend_on_the_frame(seed: int) -> None:
     polygon = star(30, seed)
     turn = np.linalg.qr(np.random.default_rng(seed).standard_normal((3, 3)))[0]
     np.testing.assert_array_equal(
@@ -100,7 +100,7 @@ def test_the_frame_does_not_matter(seed: int) -> None:
 
 
 @pytest.mark.parametrize("kind", ["crosses itself", "not in a plane", "all in one place", "on a grid"])
-def test_what_is_no_polygon_is_cut_all_the_same(kind: str) -> None:
+def test_degenerate_polygons_are_triangulated(kind: str) -> None:
     random = np.random.default_rng(0)
     points = {
         "crosses itself": random.random((200, 3)) * [1, 1, 0],
@@ -114,7 +114,7 @@ def test_what_is_no_polygon_is_cut_all_the_same(kind: str) -> None:
     assert set(triangles.ravel()) == set(range(200))
 
 
-def test_a_fan_is_not_taken_where_it_would_leave_triangles_without_area() -> None:
+def test_fans_with_degenerate_triangles_are_avoided() -> None:
     polygon = square(1, 2)
     triangles = triangulate(polygon, np.arange(8), np.array([0, 8]))
     a, b, c = (polygon[triangles[:, i]] for i in range(3))

@@ -22,7 +22,7 @@ def labels(*arguments: object, **named: object) -> list[str]:
     return [parts.names[number].label for number in parts.number]
 
 
-def test_the_material_of_an_object_is_named_if_there_are_several() -> None:
+def test_materials_are_named_if_an_object_has_several() -> None:
     material = np.arange(2 * COUNT) % 2
     material[COUNT:] = 0
     assert labels(["Body", "Hat"], OBJECT, ["Skin", "Shirt"], material) == (
@@ -32,19 +32,19 @@ def test_the_material_of_an_object_is_named_if_there_are_several() -> None:
     assert parts.names[-1] == ("Hat", "Hat", "Skin")
 
 
-def test_the_name_of_the_only_object_is_left_out() -> None:
+def test_name_of_a_single_object_is_left_out() -> None:
     found = labels(["Character"], 0, ["Skin", "Shirt"], OBJECT)
     assert found == ["Skin"] * COUNT + ["Shirt"] * COUNT
     assert labels(["Character"], 0, ["Skin"], 0) == ["Character"] * 2 * COUNT
     assert set(labels(["Character"], 0, ["Skin"], OBJECT - 1)) == {"Character", "Skin"}
 
 
-def test_objects_and_materials_of_one_name_are_one_part() -> None:
+def test_objects_of_equal_names_are_one_part() -> None:
     parts = name_parts(TWO, ["Body", "Body"], OBJECT, ["Skin", "Skin"], OBJECT)
     assert [each.label for each in parts.names] == ["Body"]
 
 
-def test_loose_parts_without_names_have_numbers() -> None:
+def test_unnamed_loose_parts_are_numbered() -> None:
     assert labels() == ["part 0"] * COUNT + ["part 1"] * COUNT
     assert labels(materials=["Skin"], material_of=np.where(OBJECT == 0, 0, -1)) == ["Skin"] * COUNT + ["part 1"] * COUNT
 

@@ -20,7 +20,7 @@ def bordering(triangles: np.ndarray) -> np.ndarray:
     return np.bincount(edge_of.ravel())
 
 
-def test_a_sphere_is_closed_and_turned_outwards_without_normals() -> None:
+def test_sphere_without_normals_is_closed_and_oriented() -> None:
     points = directions(600, seed=2)
     triangles = triangulate_points(points)
     assert len(triangles) >= 0.98 * (2 * len(points) - 4)
@@ -42,7 +42,7 @@ def test_points_in_a_plane_have_their_delaunay_triangulation() -> None:
     assert inner <= found
 
 
-def test_a_hull_is_that_of_the_points_and_the_origin() -> None:
+def test_hull_corners_agree_with_scipy() -> None:
     random = np.random.default_rng(3)
     angle = np.sort(random.uniform(-np.pi, np.pi, (40, 12)), axis=1)
     length = random.uniform(0.2, 2, (40, 12))
@@ -55,7 +55,7 @@ def test_a_hull_is_that_of_the_points_and_the_origin() -> None:
         assert following[row, own].tolist() == np.roll(own, -1).tolist()
 
 
-def test_sheets_that_lie_close_are_not_joined() -> None:
+def test_nearby_sheets_are_not_joined() -> None:
     """Two sheets whose distance is a quarter of their point spacing."""
     grid = np.stack(np.meshgrid(np.arange(20.0), np.arange(20.0)), axis=-1).reshape(-1, 2)
     grid = grid + np.random.default_rng(4).uniform(-0.3, 0.3, grid.shape)
@@ -68,7 +68,7 @@ def test_sheets_that_lie_close_are_not_joined() -> None:
     assert len(triangles) > 1000
 
 
-def test_given_normals_say_which_side_is_outside() -> None:
+def test_given_normals_determine_the_outside() -> None:
     points = directions(400, seed=5)
     for sense in (1, -1):
         triangles = triangulate_points(points, sense * points)
@@ -88,7 +88,7 @@ def test_a_creature_is_reconstructed_from_its_vertices_alone(resting: Creature) 
     assert (agreement > 0).mean() > 0.95
 
 
-def test_points_at_one_place_are_one_and_stray_ones_are_left_out() -> None:
+def test_duplicate_points_merge_and_stray_points_are_left_out() -> None:
     points = directions(300, seed=6)
     cloud = np.concatenate([points[:100], points, 5 + 0.01 * directions(5, seed=0)])
     triangles = triangulate_points(cloud)
@@ -97,26 +97,26 @@ def test_points_at_one_place_are_one_and_stray_ones_are_left_out() -> None:
     assert triangles.max() < 400
 
 
-def test_points_on_a_line_are_no_surface() -> None:
+def test_points_on_a_line_are_refused() -> None:
     line = np.arange(30.0)[:, None] * [1.0, 2, 3]
     with pytest.raises(MeshError, match="No surface passes through the points"):
         _ = PointCloud(line).surface
 
 
-def test_surfaces_stay_and_other_things_are_refused(resting: Creature) -> None:
+def test_as_surface_keeps_surfaces_and_refuses_other_types(resting: Creature) -> None:
     assert as_surface(resting.surface) is resting.surface
     assert isinstance(as_surface(PointCloud(directions(50, seed=1))), Surface)
     with pytest.raises(TypeError, match="A mesh is needed"):
         as_surface(resting.surface.vertices)  # type: ignore[arg-type]
 
 
-def test_noise_leaves_few_holes() -> None:
+def test_noisy_points_leave_few_holes() -> None:
     random = np.random.default_rng(1)
     ball = directions(700, seed=1) * (1 + 0.06 * random.standard_normal((700, 1)))
     assert (bordering(triangulate_points(ball)) == 1).sum() < 50
 
 
-def test_triangles_whose_corners_face_different_ways_are_left_out_and_edges_go_to_the_first() -> None:
+def test_inconsistent_and_excess_triangles_are_left_out() -> None:
     points = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0], [2, 0, 0]])
     normals = np.array([[0.0, 0, 1], [0, 0, 1], [0, 0, 1], [0, 0, 1], [0, 0, -1]])
     triangles = np.array([[0, 1, 3], [0, 1, 2], [2, 1, 3], [1, 3, 4]])

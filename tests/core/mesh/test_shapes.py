@@ -38,13 +38,13 @@ def given(request: pytest.FixtureRequest, surface: zo.Surface, tmp_path: Path) -
     }[request.param]
 
 
-def test_all_are_the_same_surface(given: Any, surface: zo.Surface) -> None:
+def test_all_forms_give_the_same_surface(given: Any, surface: zo.Surface) -> None:
     found = as_surface(given)
     np.testing.assert_allclose(found.vertices, surface.vertices, atol=1e-6)
     np.testing.assert_array_equal(found.triangles, surface.triangles)
 
 
-def test_public_functions_take_them(surface: zo.Surface) -> None:
+def test_public_functions_accept_all_forms(surface: zo.Surface) -> None:
     arrays = surface.vertices, surface.triangles
     mesh = trimesh.Trimesh(*arrays, process=False)
     basis = zo.eigenbasis(surface, 8)
@@ -66,7 +66,7 @@ def test_points_without_faces_are_a_cloud(surface: zo.Surface) -> None:
 
 
 @pytest.mark.parametrize("wrong", [3, None, np.zeros((4, 3)), {"vertices": 1}])
-def test_what_is_no_shape_is_refused_in_words(wrong: Any, surface: zo.Surface) -> None:
+def test_other_types_are_refused(wrong: Any, surface: zo.Surface) -> None:
     with pytest.raises(
         TypeError, match=r"A mesh is needed, not a .*: give a Surface, a PointCloud, \(vertices, faces\)"
     ):

@@ -33,7 +33,7 @@ def on_border(points: np.ndarray) -> np.ndarray:
     return ((points[:, :2] < 1e-9) | (points[:, :2] > 1 - 1e-9)).any(axis=1)
 
 
-def test_the_wanted_number_of_vertices_is_left_as_a_manifold_with_the_same_border() -> None:
+def test_result_is_a_manifold_of_the_requested_size_and_border() -> None:
     points, triangles = wavy_grid()
     alive, corners, _ = simplify(points[None], triangles, [], [60])[0]
     made = triangles.ravel()[corners]
@@ -48,7 +48,7 @@ def test_the_wanted_number_of_vertices_is_left_as_a_manifold_with_the_same_borde
     assert corner <= {tuple(row) for row in points[border][:, :2]}
 
 
-def test_a_seam_stays_a_line_of_the_mesh_and_triangles_of_the_chart_are_not_turned_over() -> None:
+def test_seams_are_kept_and_charts_are_not_flipped() -> None:
     points, triangles = wavy_grid()
     middle = points[triangles].mean(axis=1)
     side = (middle[:, 0] > 0.5).astype(int)  # two charts, with a seam in the middle
@@ -64,7 +64,7 @@ def test_a_seam_stays_a_line_of_the_mesh_and_triangles_of_the_chart_are_not_turn
     assert (np.linalg.det(flat[:, 1:] - flat[:, :1]) * np.linalg.det(chart[0, 1:] - chart[0, :1]) > 0).all()
 
 
-def test_layers_are_ignored_from_the_last_on_if_too_many_vertices_are_left() -> None:
+def test_last_layers_are_ignored_if_too_many_vertices_remain() -> None:
     points, triangles = wavy_grid()
     every_face = np.repeat(np.arange(len(triangles))[:, None], 3, axis=1)
     middle = points[triangles].mean(axis=1)
@@ -75,10 +75,10 @@ def test_layers_are_ignored_from_the_last_on_if_too_many_vertices_are_left() -> 
     assert (label == label[:, :1]).all()
 
 
-def test_no_triangle_has_data_of_two_charts_if_all_layers_are_ignored() -> None:
+def test_triangles_do_not_mix_charts_if_all_layers_are_ignored() -> None:
     points, triangles = wavy_grid()
     middle = points[triangles].mean(axis=1)
-    chart = np.floor(5 * middle[:, :2]).astype(int) @ [5, 1]  # 25 squares, with corners that no line may leave
+    chart = np.floor(5 * middle[:, :2]).astype(int) @ [5, 1]  # 25 squares, with corners that cannot be removed
     layer = len(points) * chart[:, None] + triangles
     _, corners, content = simplify(points[None], triangles, [layer], [20])[0]
     assert len(np.unique(triangles.ravel()[corners])) <= 21
@@ -87,7 +87,7 @@ def test_no_triangle_has_data_of_two_charts_if_all_layers_are_ignored() -> None:
     assert (of_corner[corners] != of_corner[corners][:, :1]).any()
 
 
-def test_more_vertices_stay_where_a_mesh_bends() -> None:
+def test_more_vertices_are_kept_where_poses_bend_the_mesh() -> None:
     points, triangles = wavy_grid()
     points[:, 2] = 0
     bent = points.copy()
@@ -101,7 +101,7 @@ def test_more_vertices_stay_where_a_mesh_bends() -> None:
     assert shares[1] > shares[0] + 0.05
 
 
-def test_lines_keep_their_form() -> None:
+def test_borders_keep_their_shape() -> None:
     points, triangles = wavy_grid()
     points[:, 2] = 0
     points[:, 1] += 0.1 * np.sin(7 * points[:, 0])  # flat, with a wavy border
@@ -115,7 +115,7 @@ def test_lines_keep_their_form() -> None:
     assert abs(areas[1] - whole) < 0.5 * abs(areas[0] - whole)
 
 
-def test_mirror_images_stay_together() -> None:
+def test_mirror_pairs_are_kept_together() -> None:
     points, triangles = wavy_grid()
     points[:, 2] = 0.1 * np.cos(9 * (points[:, 0] - 0.5)) * np.cos(5 * points[:, 1])
     pairs = mirror_pairs(points)
@@ -131,7 +131,7 @@ def test_mirror_images_stay_together() -> None:
 
 
 @pytest.mark.parametrize("part", ["mirror_diagonals", "_unpair"])
-def test_a_mesh_that_is_nearly_symmetric_is_simplified_well(part: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nearly_symmetric_meshes_are_simplified_accurately(part: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its quads are divided alike on both sides, and one in ten vertices has no mirror image."""
     points, triangles = wavy_grid()
     points[:, 2] = 0.1 * np.cos(9 * (points[:, 0] - 0.5)) * np.cos(5 * points[:, 1])
@@ -152,7 +152,7 @@ def test_a_mesh_that_is_nearly_symmetric_is_simplified_well(part: str, monkeypat
     assert mended < 0.92 * error()
 
 
-def test_parts_are_not_destroyed_to_reach_the_number(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_parts_are_not_flattened_to_reach_the_count(monkeypatch: pytest.MonkeyPatch) -> None:
     points, triangles = wavy_grid()
 
     def height_of_level() -> float:
@@ -165,8 +165,8 @@ def test_parts_are_not_destroyed_to_reach_the_number(monkeypatch: pytest.MonkeyP
     assert height_of_level() < 0.8 * whole
 
 
-def test_the_two_sides_of_a_thin_part_do_not_merge(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A slab beside a larger ball, whose form counts for more."""
+def test_sides_of_a_thin_part_do_not_merge(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A slab beside a larger ball, whose shape dominates the error."""
     lattice = np.stack(np.meshgrid(*[np.linspace(-1, 1, 4)] * 3), axis=-1).reshape(-1, 3)
     cube = lattice[np.abs(lattice).max(axis=1) > 0.99]
     larger = ball(1.0, count=150)

@@ -15,7 +15,7 @@ from zoomout_core.mesh.triangles import triangle_areas, triangle_normals
 SQUARE = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
 
 
-def turned(surface: Surface, which: np.ndarray) -> Surface:
+def reverse_winding(surface: Surface, which: np.ndarray) -> Surface:
     triangles = surface.triangles.copy()
     triangles[which] = triangles[which][:, ::-1]
     return Surface(surface.vertices, triangles)
@@ -50,7 +50,7 @@ def test_corners_keep_their_faces_and_order() -> None:
     )
 
 
-def test_edges_are_those_of_the_faces_unless_a_program_numbers_its_own() -> None:
+def test_edges_come_from_faces_unless_given() -> None:
     faces = [[0, 1, 2, 3], [0, 4, 1], [2, 1, 4]]
     vertices = np.vstack([SQUARE, [[0.5, 0.5, 1], [3, 3, 3]]])
     surface = Surface(vertices, faces)
@@ -73,7 +73,7 @@ def test_edges_are_those_of_the_faces_unless_a_program_numbers_its_own() -> None
         ([[0, 0.5]], "whole numbers"),
     ],
 )
-def test_edges_that_fit_no_mesh_are_refused(edges: object, sentence: str) -> None:
+def test_invalid_edges_are_refused(edges: object, sentence: str) -> None:
     with pytest.raises(MeshError, match=re.escape(sentence)):
         Surface(SQUARE, [[0, 1, 2, 3]], edges)
 
@@ -100,21 +100,21 @@ def test_edges_that_fit_no_mesh_are_refused(edges: object, sentence: str) -> Non
         (SQUARE, None, "sequence of polygons"),
     ],
 )
-def test_a_mesh_that_cannot_be_used_is_refused_in_one_sentence(vertices, faces, sentence: str) -> None:
+def test_unusable_meshes_are_refused_in_one_sentence(vertices, faces, sentence: str) -> None:
     with pytest.raises(MeshError) as refusal:
         Surface(vertices, faces)
     assert sentence in str(refusal.value)
     assert "\n" not in str(refusal.value)
 
 
-def test_a_broken_vertex_that_no_face_uses_does_no_harm() -> None:
+def test_unused_vertices_may_be_nan() -> None:
     surface = Surface(np.vstack([SQUARE, [[np.nan] * 3]]), [[0, 1, 2, 3]])
     assert surface.working.vertex_of[4] == -1
     assert surface.components[4] == -1
     assert np.isfinite(surface.working.vertices).all()
 
 
-def test_borders_split_by_an_exporter_are_welded_and_nothing_else(resting: Creature) -> None:
+def test_only_coincident_borders_are_welded(resting: Creature) -> None:
     surface = resting.surface
     soup = Surface(surface.vertices[surface.triangles].reshape(-1, 3), np.arange(surface.triangles.size).reshape(-1, 3))
     assert len(soup.working.vertices) == len(surface.vertices)
@@ -127,26 +127,26 @@ def test_borders_split_by_an_exporter_are_welded_and_nothing_else(resting: Creat
     assert twice.components.max() == 1
 
 
-def test_a_vertex_stands_for_a_third_of_its_triangles_in_the_share_of_area() -> None:
+def test_share_of_area_gives_vertices_a_third_of_their_triangles() -> None:
     surface = Surface(SQUARE, [[0, 1, 2, 3]])
     shares = [surface.share_of_area(np.arange(len(SQUARE)) == vertex) for vertex in range(4)]
     assert sorted(shares) == pytest.approx([1 / 6, 1 / 6, 1 / 3, 1 / 3])
     assert surface.share_of_area(np.ones(len(SQUARE), dtype=bool)) == pytest.approx(1)
 
 
-def test_the_working_copy_has_unit_area_wherever_the_surface_lies(resting: Creature) -> None:
+def test_working_mesh_has_unit_area_at_any_scale_and_place(resting: Creature) -> None:
     moved = Surface(resting.surface.vertices * 1000 + [5e4, 0, -7], resting.surface.triangles)
     working = moved.working
     np.testing.assert_allclose(triangle_areas(working.vertices, working.triangles).sum(), 1, rtol=1e-9)
     np.testing.assert_allclose(working.scale**2, moved.area, rtol=1e-12)
 
 
-def test_mixed_and_inward_winding_is_turned_outwards(resting: Creature) -> None:
+def test_mixed_and_inward_winding_is_oriented_outwards(resting: Creature) -> None:
     surface = resting.surface
     assert not surface.working.flipped.any()
     random = np.random.default_rng(0).random(len(surface.triangles)) < 0.4
     for which in (random, np.ones(len(random), bool)):
-        working = turned(surface, which).working
+        working = reverse_winding(surface, which).working
         assert np.array_equal(working.flipped, which)
         assert signed_volume(working.vertices, working.oriented_triangles) > 0
 
@@ -165,14 +165,14 @@ def test_components_are_numbered_by_area(resting: Creature) -> None:
     assert np.array_equal(surface.triangles, part.triangles)
 
 
-def test_faces_without_extent_are_left_out_of_the_working_copy() -> None:
+def test_degenerate_faces_are_left_out_of_the_working_mesh() -> None:
     surface = Surface(np.vstack([SQUARE, SQUARE[:1]]), [[0, 1, 2], [0, 2, 3], [0, 4, 1]])
     assert len(surface.working.triangles) == 2
     assert np.array_equal(surface.working.triangle_of, [0, 1])
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.int32, np.float32])
-def test_vertex_numbers_may_be_of_any_type_that_holds_them(dtype: type) -> None:
+def test_faces_accept_any_numeric_type(dtype: type) -> None:
     surface = Surface(SQUARE.astype(np.float32), np.asfortranarray([[0, 1, 2], [0, 2, 3]], dtype=dtype))
     assert surface.corner_vertex.tolist() == [0, 1, 2, 0, 2, 3]
 
@@ -181,13 +181,13 @@ def test_vertex_numbers_may_be_of_any_type_that_holds_them(dtype: type) -> None:
     ("face_start", "triangle_corners", "sentence"),
     [([0, 3], None, "from 0 to 3"), ([1, 4], None, "from 1 to 4"), ([0, 4], [[0, 1, 9]], "corner 9")],
 )
-def test_corner_arrays_that_do_not_fit_each_other_are_refused(face_start, triangle_corners, sentence: str) -> None:
+def test_inconsistent_corner_arrays_are_refused(face_start, triangle_corners, sentence: str) -> None:
     with pytest.raises(MeshError, match=sentence):
         Surface.from_corners(SQUARE, [0, 1, 2, 3], face_start, triangle_corners)
 
 
 @pytest.mark.parametrize("normals", [np.ones((5, 3)), np.full((20, 3), np.nan)])
-def test_normals_that_do_not_fit_the_points_are_refused(normals: np.ndarray) -> None:
+def test_invalid_normals_of_a_point_cloud_are_refused(normals: np.ndarray) -> None:
     with pytest.raises(MeshError, match="20 points"):
         PointCloud(np.random.default_rng(0).normal(size=(20, 3)), normals)
 
@@ -199,7 +199,7 @@ def test_a_tiny_point_cloud_is_refused() -> None:
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
 @pytest.mark.parametrize("downwards", [False, True])
-def test_concave_polygons_are_triangulated_whichever_way_they_face(axis: int, downwards: bool) -> None:
+def test_concave_polygons_facing_any_way_are_triangulated(axis: int, downwards: bool) -> None:
     ring = np.array([[0.0, 0], [4, 0], [4, 3], [2, 1], [0, 3]])  # a notch at the top
     flat = np.insert(ring, axis, 0.7, axis=1)
     order = list(range(5))[:: -1 if downwards else 1]
@@ -210,7 +210,7 @@ def test_concave_polygons_are_triangulated_whichever_way_they_face(axis: int, do
     assert (normals[:, axis] == normals[0, axis]).all()
 
 
-def test_the_same_faces_on_other_positions_keep_their_triangles_and_the_order_of_edges() -> None:
+def test_with_vertices_keeps_triangles_and_edge_order() -> None:
     edges = np.array([[2, 3], [1, 0], [3, 0], [1, 2]])
     surface = Surface(SQUARE, [[0, 1, 2, 3]], edges)
     wider = np.array(SQUARE, dtype=float) * (2, 1, 1)
@@ -223,7 +223,7 @@ def test_the_same_faces_on_other_positions_keep_their_triangles_and_the_order_of
         surface.with_vertices(np.zeros((4, 3)))
 
 
-def test_surfaces_are_joined_one_after_another() -> None:
+def test_joined_surfaces_keep_their_order() -> None:
     quad = Surface([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [9, 9, 9]], [[0, 1, 2, 3]], [[0, 4], [0, 1]])
     triangle = Surface([[5, 0, 0], [6, 0, 0], [5, 1, 0]], [[2, 0, 1]])
     both = Surface.joined([quad, triangle, quad])
@@ -237,7 +237,7 @@ def test_surfaces_are_joined_one_after_another() -> None:
     np.testing.assert_array_equal(both.edges[[0, 1, -2, -1]], [[0, 4], [0, 1], [8, 12], [8, 9]])
 
 
-def test_a_surface_knows_how_far_its_coordinates_are_rounded(resting: Creature) -> None:
+def test_rounding_of_coordinates_is_detected(resting: Creature) -> None:
     far = (resting.surface.vertices + 1e6).astype(np.float32)
     assert resting.surface.with_vertices(far).rounding == 0.0625
     assert resting.surface.with_vertices(far.astype(float) + 0.01).rounding == 2.0**-33

@@ -26,7 +26,7 @@ def plane(side: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize("count", [100, 400, 1500])
-def test_what_is_asked_for_is_left_and_every_vertex_is_accounted_for(count: int) -> None:
+def test_decimation_reaches_the_count_and_maps_every_vertex(count: int) -> None:
     working = creature(2500).surface.working
     points, triangles, merged = decimate(working.vertices, working.oriented_triangles, count)
     assert 0.9 * count < len(points) < 1.1 * count
@@ -37,7 +37,7 @@ def test_what_is_asked_for_is_left_and_every_vertex_is_accounted_for(count: int)
     assert np.median(np.linalg.norm(points[merged] - working.vertices, axis=1)) < spacing
 
 
-def test_vertices_are_thinned_only_where_the_result_could_not_tell_them_apart(
+def test_only_meshes_much_denser_than_the_result_are_thinned(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     given: list[np.ndarray] = []
@@ -57,7 +57,7 @@ def test_vertices_are_thinned_only_where_the_result_could_not_tell_them_apart(
     assert len(given[0]) == len(dense)  # result spacing 0.029, mesh spacing 0.017
 
 
-def test_fractions_rise_to_one_and_stages_follow_each_other() -> None:
+def test_progress_rises_to_one_across_stages() -> None:
     working = creature(2500).surface.working
     fractions = fractions_of(lambda: decimate(working.vertices, working.oriented_triangles, 200))
     assert len(fractions) > 4

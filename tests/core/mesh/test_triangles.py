@@ -26,7 +26,7 @@ TETRAHEDRON = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
 CORNER = np.array([[0.0, 0, 0], [1, 0, 0], [0, 2, 0], [0, 0, 3]])
 
 
-def test_each_edge_is_listed_once_and_known_from_each_side() -> None:
+def test_each_edge_is_listed_once_with_its_sides() -> None:
     edges, edge_of = unique_edges(TETRAHEDRON)
     assert sorted(map(tuple, edges.tolist())) == [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)]
     for triangle, numbers in zip(TETRAHEDRON, edge_of, strict=True):
@@ -39,12 +39,12 @@ def test_each_edge_is_listed_once_and_known_from_each_side() -> None:
     assert sorted(np.diff(sides_by_edge(fin).first).tolist()) == [1, 1, 2, 2, 2, 2, 2, 3]
 
 
-def test_the_border_is_made_of_the_edges_of_one_triangle() -> None:
+def test_border_edges_belong_to_one_triangle() -> None:
     assert len(border_edges(TETRAHEDRON)) == 0
     assert sorted(map(tuple, border_edges(TETRAHEDRON[1:]).tolist())) == [(0, 1), (0, 2), (1, 2)]
 
 
-def test_the_graph_of_edges_has_their_lengths_both_ways() -> None:
+def test_edge_graph_has_edge_lengths_in_both_directions() -> None:
     graph = edge_graph(CORNER, TETRAHEDRON).toarray()
     distance = np.linalg.norm(CORNER[:, None] - CORNER, axis=2)
     np.testing.assert_allclose(graph, distance)
@@ -63,7 +63,7 @@ def test_areas_and_normals_of_a_corner() -> None:
 
 @pytest.mark.parametrize("first", range(4))
 @pytest.mark.parametrize("notch", [0.2, 0.9])
-def test_quads_are_cut_along_the_diagonal_that_folds_nothing(first: int, notch: float) -> None:
+def test_quads_are_split_without_folds(first: int, notch: float) -> None:
     # An arrowhead or a kite, listed from any corner.
     ring = np.roll(np.array([[0.0, 0, 0], [1, 0, 0], [notch, notch, 0], [0, 1, 0]]), first, axis=0)
     triangles = triangulate(ring, np.arange(4), np.array([0, 4]))
@@ -84,7 +84,7 @@ def test_polygons_of_several_sizes_keep_their_corners() -> None:
     assert triangles[4:6].max() < 10 <= triangles[6:].min()
 
 
-def test_edges_have_lengths_and_triangles_with_a_corner_twice_are_found() -> None:
+def test_edge_lengths_and_repeated_corners_are_found() -> None:
     assert edge_lengths(CORNER, np.array([[0, 1], [3, 0], [2, 2]])).tolist() == [1, 3, 0]
     triangles = np.array([[0, 1, 2], [0, 0, 1], [0, 1, 1], [1, 0, 1]])
     assert have_three_corners(triangles).tolist() == [True, False, False, False]

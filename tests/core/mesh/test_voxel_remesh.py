@@ -53,7 +53,7 @@ def is_closed(triangles: np.ndarray) -> bool:
     return there == {tuple(edge) for edge in edges[~ascending][:, ::-1].tolist()}
 
 
-def test_surface_nets_draw_a_ball_closed_smooth_and_outwards() -> None:
+def test_surface_net_of_a_ball_is_closed_smooth_and_outwards() -> None:
     grid = np.moveaxis(np.indices((24, 24, 24)), 0, -1) - [11.3, 11.5, 11.8]
     vertices, triangles = surface_nets(8 - np.linalg.norm(grid, axis=3))
     assert np.abs(np.linalg.norm(vertices - [11.3, 11.5, 11.8], axis=1) - 8).max() < 0.1
@@ -61,7 +61,7 @@ def test_surface_nets_draw_a_ball_closed_smooth_and_outwards() -> None:
     assert 0.95 < volume(vertices, triangles) / (4 / 3 * np.pi * 8**3) < 1
 
 
-def test_a_skin_lies_on_its_mesh() -> None:
+def test_hull_lies_on_its_mesh() -> None:
     vertices, triangles = voxel_remesh(*ball((3, 4, 5), 2.0), 128)
     voxel = 4 / 128
     assert np.abs(np.linalg.norm(vertices - [3, 4, 5], axis=1) - 2).max() < 1.5 * voxel
@@ -69,7 +69,7 @@ def test_a_skin_lies_on_its_mesh() -> None:
     assert volume(vertices - [3, 4, 5], triangles) > 0
 
 
-def test_shells_that_overlap_touch_or_lie_close_become_one_and_what_lies_inside_is_gone() -> None:
+def test_nearby_shells_merge_and_inner_shells_disappear() -> None:
     shells = together(ball((0, 0, 0), 1), ball((1.5, 0, 0), 1), ball((3.6, 0, 0), 1), ball((0, 0, 0), 0.4))
     vertices, triangles = voxel_remesh(*shells, 128)
     skin = Surface(vertices, triangles)
@@ -78,7 +78,7 @@ def test_shells_that_overlap_touch_or_lie_close_become_one_and_what_lies_inside_
     assert vertices[:, 0].max() > 4.5
 
 
-def test_a_skin_that_is_drawn_below_parts_what_touches() -> None:
+def test_inset_hull_separates_touching_parts() -> None:
     # Two rods that join at one end and nearly touch, like legs.
     left, right = (ball((0, 0, 0), 1) for _ in range(2))
     rods = [(points * [0.1, 0.1, 1] + [x, 0, 0], corners) for (points, corners), x in ((left, -0.11), (right, 0.11))]
@@ -89,7 +89,7 @@ def test_a_skin_that_is_drawn_below_parts_what_touches() -> None:
     assert len(between[1]) == 0
 
 
-def test_what_is_far_off_is_left_out() -> None:
+def test_distant_parts_are_left_out() -> None:
     vertices, _ = voxel_remesh(*together(ball((0, 0, 0), 1), ball((4, 0, 0), 0.5)), 128)
     assert vertices[:, 0].max() < 1.1
 
@@ -106,7 +106,7 @@ def test_a_mesh_with_a_hole_is_filled() -> None:
     assert triangle_areas(*skin).sum() < 7
 
 
-def test_units_and_place_change_nothing_but_the_frame() -> None:
+def test_hull_does_not_depend_on_units_or_placement() -> None:
     points, triangles = ball((0, 0, 0), 1, 3)
     here = voxel_remesh(points, triangles, 128)
     there = voxel_remesh(1000 * points + 5000, triangles, 128)
@@ -114,7 +114,7 @@ def test_units_and_place_change_nothing_but_the_frame() -> None:
     assert (here[1] == there[1]).all()
 
 
-def test_a_skin_is_smooth_and_not_of_steps() -> None:
+def test_hull_has_no_voxel_steps() -> None:
     vertices, triangles = voxel_remesh(*ball((0, 0, 0), 1.0), 32)
     a, b, c = (vertices[triangles[:, i]] for i in range(3))
     normals = np.cross(b - a, c - a)
@@ -123,7 +123,7 @@ def test_a_skin_is_smooth_and_not_of_steps() -> None:
     assert np.quantile(cosine, 0.1) > np.cos(np.radians(20))
 
 
-def test_the_same_voxels_are_filled_however_many_points_are_looked_at_once(monkeypatch) -> None:
+def test_block_size_does_not_change_results(monkeypatch) -> None:
     whole = voxel_remesh(*ball((0, 0, 0), 1.0), 16)
     monkeypatch.setattr("zoomout_core.mesh.voxel_remesh.POINTS", 100)
     for ours, theirs in zip(voxel_remesh(*ball((0, 0, 0), 1.0), 16), whole, strict=True):
@@ -183,7 +183,7 @@ def test_a_triangle_is_rasterised_up_to_its_corners() -> None:
     assert found[[2, 14, 2], [2, 2, 14], 3].all()
 
 
-def test_surface_nets_close_what_reaches_the_last_layer_but_one() -> None:
+def test_surface_nets_close_solids_next_to_the_grid_border() -> None:
     solid = block((10, 10, 10), ((1, 1, 1), (8, 8, 8)))
     vertices, triangles = surface_nets(np.where(solid, 1.0, -1.0))
     assert is_closed(triangles)
@@ -191,7 +191,7 @@ def test_surface_nets_close_what_reaches_the_last_layer_but_one() -> None:
 
 
 @pytest.mark.parametrize("resolution", [24, 33])
-def test_a_coarse_skin_lies_where_its_mesh_does(resolution: int) -> None:
+def test_coarse_hull_is_centred_on_its_mesh(resolution: int) -> None:
     voxel = 4 / resolution
     vertices, _ = voxel_remesh(*ball((3, 4, 5), 2.0), resolution)
     off = np.linalg.norm(vertices - [3, 4, 5], axis=1) - 2
@@ -202,7 +202,7 @@ def test_a_coarse_skin_lies_where_its_mesh_does(resolution: int) -> None:
     assert 0.5 * voxel < below < 1.5 * voxel
 
 
-def test_walls_are_met_in_the_directions_in_which_they_stand() -> None:
+def test_walls_are_counted_by_direction() -> None:
     count = _walls_around(walls_of_a_box())
     np.testing.assert_array_equal(count[5:12, 5:12, 5:12], 26)
     plane = np.zeros((9, 9, 9), dtype=bool)
@@ -213,7 +213,7 @@ def test_walls_are_met_in_the_directions_in_which_they_stand() -> None:
 
 
 @pytest.mark.parametrize(("holes", "filled"), [(0, True), (2, True), (6, False), (9, False)])
-def test_a_box_is_filled_unless_its_holes_let_too_many_directions_out(holes: int, filled: bool) -> None:
+def test_box_is_filled_unless_it_has_too_many_holes(holes: int, filled: bool) -> None:
     box = walls_of_a_box()
     # Open the lid where the nine upward directions from the centre meet it.
     for i, j in list(product((8, 4, 12), repeat=2))[:holes]:
@@ -223,7 +223,7 @@ def test_a_box_is_filled_unless_its_holes_let_too_many_directions_out(holes: int
     assert not _fill(box)[8, 8, 14]
 
 
-def test_what_is_closed_is_filled_to_the_last_voxel_however_it_is_turned() -> None:
+def test_closed_solids_are_filled_in_any_rotation() -> None:
     corners = np.vstack([SIDES[:, [0, 1, 2]], SIDES[:, [0, 2, 3]]])
     for turn in Rotation.random(6, random_state=2):
         points = turn.apply(BOX * [24, 16, 12])
@@ -232,7 +232,7 @@ def test_what_is_closed_is_filled_to_the_last_voxel_however_it_is_turned() -> No
         assert label(~_fill(walls))[1] == 1
 
 
-def test_pieces_that_are_near_are_joined_where_they_are_nearest() -> None:
+def test_nearby_pieces_are_bridged_where_they_are_closest() -> None:
     near = ((2, 2, 2), (6, 6, 6)), ((10, 4, 4), (14, 8, 8))
     for boxes in (near, near[::-1]):
         joined = _bridge(block((20, 12, 12), *boxes), 5.0)
@@ -250,7 +250,7 @@ def test_gaps_are_bridged_up_to_a_width(widest: float, joined: bool) -> None:
     assert found[4, 4, 4]
 
 
-def test_many_pieces_are_joined_along_their_shortest_gaps_alone() -> None:
+def test_many_pieces_are_bridged_only_along_the_shortest_gaps() -> None:
     row = [((3 * i + 2, 2, 2), (3 * i + 3, 6, 6)) for i in range(4)]
     found = _bridge(block((20, 12, 12), *row, ((2, 10, 2), (12, 10, 6))), 5.0)
     assert label(found)[1] == 1
@@ -258,7 +258,7 @@ def test_many_pieces_are_joined_along_their_shortest_gaps_alone() -> None:
     assert 0 < tubes < 4 * 20
 
 
-def test_a_single_piece_stays_and_of_several_the_largest() -> None:
+def test_largest_piece_is_kept() -> None:
     one = block((12, 12, 12), ((2, 2, 2), (5, 5, 5)))
     np.testing.assert_array_equal(_bridge(one, 3.0), one)
     touching = one | block((12, 12, 12), ((6, 6, 6), (7, 7, 7)))  # touching at a corner

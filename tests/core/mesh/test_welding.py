@@ -25,7 +25,7 @@ def soup(jitter: float, frame: Floats | None = None) -> Surface:
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_corners_within_the_tolerance_are_one_in_whatever_frame(seed: int) -> None:
+def test_corners_within_tolerance_are_welded_in_any_frame(seed: int) -> None:
     turn = np.linalg.qr(np.random.default_rng(seed).standard_normal((3, 3)))[0]
     working = soup(0.45, turn).working
     assert len(working.vertices) == len(VERTICES)
@@ -35,7 +35,7 @@ def test_corners_within_the_tolerance_are_one_in_whatever_frame(seed: int) -> No
     assert len(soup(20.0).working.vertices) > 2 * len(VERTICES)
 
 
-def test_what_others_connect_is_one() -> None:
+def test_vertices_chained_within_tolerance_are_welded() -> None:
     """A row of vertices, each within tolerance of the next, is welded into one."""
     square = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
     step = 0.9 * 2 * np.linalg.norm(square - square.mean(axis=0), axis=1).max() * welding.TOLERANCE
@@ -59,7 +59,7 @@ DOUBLED = {
 
 @pytest.mark.parametrize("name", DOUBLED)
 @pytest.mark.parametrize("jitter", [0.0, 0.3])
-def test_what_lies_twice_is_there_once(name: str, jitter: float) -> None:
+def test_duplicate_faces_are_dropped(name: str, jitter: float) -> None:
     copies, faces = DOUBLED[name]
     away = jitter * DIAMETER * welding.TOLERANCE * np.random.default_rng(0).uniform(-1, 1, (copies, *VERTICES.shape))
     away[0] = 0
@@ -72,7 +72,7 @@ def test_what_lies_twice_is_there_once(name: str, jitter: float) -> None:
     assert working.scale == pytest.approx(once.scale)
 
 
-def test_a_surface_may_touch_itself_off_its_borders() -> None:
+def test_surfaces_that_touch_off_their_borders_stay_separate() -> None:
     """Two closed shapes with one vertex in the same place stay separate."""
     shift = VERTICES[0] - VERTICES[1]
     both = Surface(np.concatenate([VERTICES, VERTICES + shift]), np.concatenate([TRIANGLES, TRIANGLES + len(VERTICES)]))
@@ -80,7 +80,7 @@ def test_a_surface_may_touch_itself_off_its_borders() -> None:
     assert len(both.working.triangles) == 2 * len(TRIANGLES)
 
 
-def test_a_fold_of_two_triangles_stays() -> None:
+def test_folds_and_fins_of_two_triangles_are_kept() -> None:
     """The two coincide, but removing them would tear a closed surface."""
     tetrahedron = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
     # Vertex 4 coincides with vertex 2; the face 0 2 1 is replaced by 0 4 1 and two faces of zero area.
@@ -94,7 +94,7 @@ def test_a_fold_of_two_triangles_stays() -> None:
     assert len(Surface(tetrahedron, [*closed, closed[0]]).working.triangles) == 4
 
 
-def test_a_shape_within_the_tolerance_of_a_far_triangle_takes_no_time() -> None:
+def test_shape_below_the_tolerance_of_a_far_triangle_is_welded() -> None:
     far = 1e9 * np.array([[1.0, 0, 0], [1, 1, 0], [0, 1, 1]])
     grid: Integers = np.arange(3 * 20_000).reshape(-1, 3)
     points = np.random.default_rng(0).random((3 * 20_000, 3))

@@ -27,12 +27,12 @@ def outward(surface: Surface) -> float:
 
 
 @pytest.mark.parametrize("lowest", [-2.0, -0.8, 0.0])
-def test_what_encloses_a_volume_is_turned_outwards(lowest: float) -> None:
+def test_meshes_that_enclose_a_volume_are_oriented_outwards(lowest: float) -> None:
     assert outward(cap(lowest, inwards=True)) == 1
     assert outward(cap(lowest)) == 1
 
 
-def test_what_is_nearly_flat_stays_as_it_is_wound() -> None:
+def test_nearly_flat_meshes_keep_their_winding() -> None:
     for inwards in (False, True):
         bowl = cap(0.8, inwards)
         saucer = Surface(bowl.vertices * [1, 1, 0.01], bowl.triangles)
@@ -40,12 +40,12 @@ def test_what_is_nearly_flat_stays_as_it_is_wound() -> None:
 
 
 @pytest.mark.parametrize(("lowest", "known"), [(-2.0, True), (-0.9, True), (0.0, False), (0.8, False)])
-def test_sides_are_known_where_a_volume_tells_them(lowest: float, known: bool) -> None:
+def test_sides_are_known_for_nearly_closed_meshes(lowest: float, known: bool) -> None:
     assert cap(lowest).working.sides_are_known is known
     assert cap(lowest, inwards=True).working.sides_are_known is known
 
 
-def test_borders_that_coincide_are_one_and_those_apart_are_two() -> None:
+def test_coincident_borders_are_joined_and_others_are_not() -> None:
     square = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
     for gap, parts in ((0.0, 1), (1e-9, 1), (1e-3, 2)):
         both = np.vstack([square, square + np.array([1 + gap, 0, 0])])
@@ -65,7 +65,7 @@ def test_a_part_keeps_its_place_in_the_surface() -> None:
         assert np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2 == pytest.approx(1)
 
 
-def test_a_piece_is_the_largest_connected_one_between_some_vertices() -> None:
+def test_piece_is_the_largest_connected_part_of_the_vertices() -> None:
     ball = cap(-2.0)
     mesh = ball.working
     inside = (mesh.vertices[:, 2] > 0.1) | (mesh.vertices[:, 2] < -0.2)
@@ -82,7 +82,7 @@ def test_a_piece_is_the_largest_connected_one_between_some_vertices() -> None:
     np.testing.assert_array_equal(mesh.piece(alone)[1], vertices)
 
 
-def test_a_subdivided_mesh_is_the_same_surface_with_its_own_vertices_first() -> None:
+def test_subdivision_keeps_the_surface_and_lists_old_vertices_first() -> None:
     mesh = cap(0.0, inwards=True).working
     n = len(mesh.vertices)
     finer = mesh.subdivide(n + 1)
@@ -99,6 +99,6 @@ def test_a_subdivided_mesh_is_the_same_surface_with_its_own_vertices_first() -> 
     assert len(twice.triangles) == 16 * len(mesh.triangles)
 
 
-def test_each_component_tells_whether_its_sides_are_known() -> None:
+def test_sides_are_known_for_each_component() -> None:
     both = Surface.joined([cap(-2.0), Surface(0.5 * cap(0.0).vertices + [5.0, 0, 0], cap(0.0).triangles)])
     assert both.working.component_sides_are_known.tolist() == [True, False]

@@ -15,7 +15,7 @@ from zoomout_core.mesh.surface import MeshError
 from zoomout_core.outfits.parts import keep_faces, split_avatar
 
 
-def test_parts_are_told_apart_by_their_names(dolls: Path) -> None:
+def test_body_and_worn_parts_are_separated_by_name(dolls: Path) -> None:
     asset = read_asset(dolls / "dressed.glb")
     body, worn = split_avatar(asset)
     assert [name for name, _ in body.objects] == ["Skin"]
@@ -24,7 +24,7 @@ def test_parts_are_told_apart_by_their_names(dolls: Path) -> None:
     assert len(body.surface.vertices) + len(worn.surface.vertices) == len(asset.surface.vertices)
 
 
-def test_the_body_of_a_naked_avatar_is_all_of_it(dolls: Path) -> None:
+def test_naked_avatar_is_all_body(dolls: Path) -> None:
     asset = read_asset(dolls / "naked.glb")
     body, worn = split_avatar(asset, wears=False)
     assert worn is None
@@ -33,7 +33,7 @@ def test_the_body_of_a_naked_avatar_is_all_of_it(dolls: Path) -> None:
         split_avatar(asset)
 
 
-def test_patterns_name_the_body(dolls: Path) -> None:
+def test_patterns_select_the_body(dolls: Path) -> None:
     asset = read_asset(dolls / "dressed.glb")
     body, worn = split_avatar(asset, ["SKIN*", "shirt"])
     assert [name for name, _ in body.objects] == ["Skin", "Shirt"]

@@ -45,7 +45,7 @@ def test_clothes_grow_with_the_body(parts: AvatarParts, dressed: DressedAvatar) 
     assert dressed.notes == ("3 joints of the outfit were added to the avatar.",)
 
 
-def test_parts_named_by_patterns_keep_their_form(parts: AvatarParts, target: Asset) -> None:
+def test_parts_selected_by_patterns_keep_their_shape(parts: AvatarParts, target: Asset) -> None:
     assert parts.worn is not None
     kept = dress_avatar(
         parts.body.surface.vertices * WIDER, parts.body, parts.worn, target, keep=["SHIRT mat*", "Buckle*"]
@@ -87,7 +87,7 @@ def test_clothes_are_bound_to_the_joints_of_the_avatar(
     assert [joint.parent for joint in dressed.joints] == [0, 4, 5]  # the node of the skin is before the new ones
 
 
-def test_a_written_avatar_is_dressed(dressed: DressedAvatar, target: Asset, tmp_path: Path) -> None:
+def test_written_avatar_contains_the_clothes(dressed: DressedAvatar, target: Asset, tmp_path: Path) -> None:
     assert target.document is not None
     assert append_to_gltf(target.document, dressed.joints, dressed.clothes, tmp_path / "out.glb") == ()
     again = read_asset(tmp_path / "out.glb")
@@ -123,7 +123,7 @@ def test_clothes_without_joints_follow_the_body(parts: AvatarParts, target: Asse
     assert abs(made.clothes.skin.weights[[high]].toarray()[0] @ [0, 1, 2] - at) < 0.1
 
 
-def test_the_check_finds_cloth_in_the_skin(parts: AvatarParts, dressed: DressedAvatar, target: Asset) -> None:
+def test_check_detects_cloth_inside_the_skin(parts: AvatarParts, dressed: DressedAvatar, target: Asset) -> None:
     assert parts.worn is not None
     before = parts.body.surface, parts.worn.surface
     checked = check_outfit(*before, dressed, target)

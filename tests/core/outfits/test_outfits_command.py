@@ -57,7 +57,7 @@ def test_avatars_are_dressed_once(dolls: Path, tmp_path: Path) -> None:
         ("scan.obj", "scan.obj is no glTF or VRM file"),
     ],
 )
-def test_what_cannot_be_worn_is_reported(outfits: str, reason: str, dolls: Path, tmp_path: Path) -> None:
+def test_invalid_outfits_are_reported(outfits: str, reason: str, dolls: Path, tmp_path: Path) -> None:
     (tmp_path / "scan.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     place = tmp_path if outfits == "scan.obj" else dolls
     done = run(place / outfits, dolls / "dressed.glb", "-o", tmp_path / "out")
@@ -65,7 +65,7 @@ def test_what_cannot_be_worn_is_reported(outfits: str, reason: str, dolls: Path,
     assert reason in done.output
 
 
-def test_inputs_are_not_where_results_are(dolls: Path, tmp_path: Path) -> None:
+def test_inputs_in_the_output_folder_are_refused(dolls: Path, tmp_path: Path) -> None:
     place = tmp_path / "dressed"
     place.mkdir()
     shutil.copy(dolls / "naked.glb", place)

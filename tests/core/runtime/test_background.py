@@ -54,7 +54,7 @@ def two_threads() -> Iterator[None]:
     zo.set_threads(None)
 
 
-def test_it_is_polled_while_it_runs() -> None:
+def test_running_computation_can_be_polled() -> None:
     work = Work()
     running = Background(work)
     assert not running.wait(0)
@@ -67,7 +67,7 @@ def test_it_is_polled_while_it_runs() -> None:
     assert running.result() == "done"
 
 
-def test_nothing_is_reported_before_it_reports() -> None:
+def test_progress_is_empty_before_the_first_report() -> None:
     go_on = threading.Event()
     running = Background(lambda: go_on.wait(timeout=LONG))
     assert running.progress == zo.Progress(0.0, "")
@@ -75,7 +75,7 @@ def test_nothing_is_reported_before_it_reports() -> None:
     assert running.result() is True
 
 
-def test_its_caller_waits_for_nothing_even_to_cancel_it() -> None:
+def test_caller_never_waits_even_to_cancel() -> None:
     work = Work()
     began = time.monotonic()
     running = Background(work)
@@ -91,7 +91,7 @@ def test_its_caller_waits_for_nothing_even_to_cancel_it() -> None:
     assert running.wait(0)
 
 
-def test_what_reports_no_more_ends_with_its_result_though_it_was_cancelled() -> None:
+def test_cancelling_after_the_last_report_keeps_the_result() -> None:
     go_on = threading.Event()
     running = Background(lambda: go_on.wait(timeout=LONG))
     running.cancel()
@@ -99,7 +99,7 @@ def test_what_reports_no_more_ends_with_its_result_though_it_was_cancelled() -> 
     assert running.result() is True
 
 
-def test_its_error_reaches_the_caller() -> None:
+def test_error_reaches_the_caller() -> None:
     work = Work(ValueError("no such thing"))
     running = Background(work)
     work.go_on(3)
@@ -108,7 +108,7 @@ def test_its_error_reaches_the_caller() -> None:
     assert running.wait(0)
 
 
-def test_computations_side_by_side_within_it_are_heard_and_cancelled() -> None:
+def test_nested_computations_report_and_are_cancelled() -> None:
     works = Work("first"), Work("second")
     running = Background(lambda: side_by_side(*works))
     for work in works:
@@ -124,7 +124,7 @@ def test_computations_side_by_side_within_it_are_heard_and_cancelled() -> None:
     assert works[1].cancelled.acquire(timeout=LONG)
 
 
-def test_the_listener_of_the_block_in_which_it_begins_hears_it() -> None:
+def test_listener_of_the_starting_block_receives_progress() -> None:
     heard: list[zo.Progress] = []
     work = Work()
     with zo.progress(heard.append), stage("Working", 0.5, 1.0):
@@ -135,7 +135,7 @@ def test_the_listener_of_the_block_in_which_it_begins_hears_it() -> None:
     assert [one.stage for one in heard] == ["Working"] + 4 * ["Thinking"]
 
 
-def test_only_so_many_are_at_work_at_a_time_as_there_are_threads() -> None:
+def test_number_of_threads_limits_running_computations() -> None:
     zo.set_threads(1)
     first, second = Work("first"), Work("second")
     running = Background(first)

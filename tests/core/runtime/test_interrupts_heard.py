@@ -18,17 +18,17 @@ class Thing:
     """An object that supports weak references."""
 
 
-def interrupted(_: object) -> None:
+def raise_interrupt(_: object) -> None:
     raise KeyboardInterrupt
 
 
-def let_go_and_wait(things: list[Thing]) -> None:
+def release_and_wait(things: list[Thing]) -> None:
     things.clear()
     for _ in range(1000):
         time.sleep(0.001)
 
 
-def interrupted_and_ending_with(error: BaseException) -> None:
+def raise_after_interrupt(error: BaseException) -> None:
     try:
         signal.raise_signal(signal.SIGINT)
     except KeyboardInterrupt:
@@ -36,48 +36,48 @@ def interrupted_and_ending_with(error: BaseException) -> None:
 
 
 @pytest.fixture
-def hearing() -> Iterator[None]:
+def interrupts_enabled() -> Iterator[None]:
     """Raise interrupts even if the tests run in the background, where the shell ignores them."""
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, before)
 
 
-@pytest.mark.usefixtures("hearing")
-def test_it_is_raised_as_soon_as_it_can_be() -> None:
+@pytest.mark.usefixtures("interrupts_enabled")
+def test_interrupt_is_raised_as_soon_as_possible() -> None:
     things = [Thing()]
-    reference = weakref.ref(things[0], interrupted)
+    reference = weakref.ref(things[0], raise_interrupt)
     before = sys.unraisablehook
     with pytest.raises(KeyboardInterrupt), handle_interrupts():
-        let_go_and_wait(things)
+        release_and_wait(things)
     assert reference() is None
     assert sys.unraisablehook is before
 
 
-@pytest.mark.usefixtures("hearing")
+@pytest.mark.usefixtures("interrupts_enabled")
 @pytest.mark.parametrize("made_of_it", [ImportError("initialization failed"), SystemExit(1)])
-def test_it_stays_one_where_it_is_turned_into_a_failure(made_of_it: BaseException) -> None:
+def test_interrupt_turned_into_a_failure_stays_an_interrupt(made_of_it: BaseException) -> None:
     handler = signal.getsignal(signal.SIGINT)
     with pytest.raises(KeyboardInterrupt), handle_interrupts():
-        interrupted_and_ending_with(made_of_it)
+        raise_after_interrupt(made_of_it)
     assert signal.getsignal(signal.SIGINT) is handler
 
 
-@pytest.mark.usefixtures("hearing")
+@pytest.mark.usefixtures("interrupts_enabled")
 @pytest.mark.parametrize("code", [0, INTERRUPTED])
-def test_what_is_done_all_the_same_or_was_said_stays_so(code: int) -> None:
+def test_success_and_reported_interrupts_keep_their_exit_status(code: int) -> None:
     with pytest.raises(SystemExit) as ended, handle_interrupts():
-        interrupted_and_ending_with(SystemExit(code))
+        raise_after_interrupt(SystemExit(code))
     assert ended.value.code == code
 
 
-@pytest.mark.usefixtures("hearing")
-def test_failures_without_one_stay_as_they_are() -> None:
+@pytest.mark.usefixtures("interrupts_enabled")
+def test_failures_without_an_interrupt_are_unchanged() -> None:
     with pytest.raises(ImportError), handle_interrupts():
         raise ImportError
 
 
-def test_other_exceptions_are_told_as_before(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_other_unraisable_exceptions_are_still_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     told = []
     monkeypatch.setattr(sys, "unraisablehook", lambda unraisable: told.append(unraisable.exc_type))
 
@@ -92,7 +92,7 @@ def test_other_exceptions_are_told_as_before(monkeypatch: pytest.MonkeyPatch) ->
     assert told == [ValueError]
 
 
-def test_compiled_modules_do_not_print_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_interrupts_in_compiled_modules_are_not_printed(monkeypatch: pytest.MonkeyPatch) -> None:
     told = []
     monkeypatch.setattr(sys, "excepthook", lambda kind, *_: told.append(kind))
     before = sys.excepthook

@@ -14,7 +14,7 @@ from zoomout_core.runtime.memory import free_memory
 MEMINFO = "MemTotal:  100000 kB\nMemFree:  100 kB\nMemAvailable:  2000 kB\n"
 
 
-def written(root: Path, **texts: str) -> None:
+def write_files(root: Path, **texts: str) -> None:
     for name, text in texts.items():
         path = root / name.replace("__", "/")
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -22,23 +22,23 @@ def written(root: Path, **texts: str) -> None:
 
 
 @pytest.fixture(autouse=True)
-def no_such_calls(monkeypatch: pytest.MonkeyPatch) -> None:
+def without_unix_calls(monkeypatch: pytest.MonkeyPatch) -> None:
     """Remove the calls that Windows lacks."""
     monkeypatch.delattr(os, "sysconf", raising=False)
     monkeypatch.setitem(__import__("sys").modules, "resource", None)
 
 
-def test_where_nothing_is_known_nothing_is_said(tmp_path: Path) -> None:
+def test_unknown_free_memory_is_none(tmp_path: Path) -> None:
     assert free_memory(tmp_path) is None
 
 
-def test_what_is_available_counts_not_what_is_unused(tmp_path: Path) -> None:
-    written(tmp_path, proc__meminfo=MEMINFO)
+def test_available_memory_counts_rather_than_unused_memory(tmp_path: Path) -> None:
+    write_files(tmp_path, proc__meminfo=MEMINFO)
     assert free_memory(tmp_path) == 2000 << 10
 
 
-def test_a_container_has_what_its_limit_leaves(tmp_path: Path) -> None:
-    written(tmp_path, proc__meminfo=MEMINFO)
+def test_container_limit_bounds_free_memory(tmp_path: Path) -> None:
+    write_files(tmp_path, proc__meminfo=MEMINFO)
     limit, taken = (tmp_path / name for name in memory.GROUPS[0])
     limit.parent.mkdir(parents=True)
     limit.write_text("max\n")
@@ -50,17 +50,15 @@ def test_a_container_has_what_its_limit_leaves(tmp_path: Path) -> None:
     assert free_memory(tmp_path) == 0
 
 
-def test_without_other_knowledge_it_is_all_that_the_machine_has(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_total_memory_is_the_last_resort(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     sizes = {"SC_PHYS_PAGES": 1000, "SC_PAGE_SIZE": 4096}
     monkeypatch.setattr(os, "sysconf", sizes.__getitem__, raising=False)
     assert free_memory(tmp_path) == 4096000
 
 
-def test_a_limit_of_the_address_space_counts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_address_space_limit_bounds_free_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.undo()
     resource = pytest.importorskip("resource")
     monkeypatch.setattr(resource, "getrlimit", lambda _: (10 * resource.getpagesize(), -1))
-    written(tmp_path, proc__self__statm="7 5 4 3 2 1 0")
+    write_files(tmp_path, proc__self__statm="7 5 4 3 2 1 0")
     assert free_memory(tmp_path) == 3 * resource.getpagesize()

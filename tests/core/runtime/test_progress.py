@@ -14,11 +14,11 @@ import zoomout_core as zo
 from zoomout_core.runtime.progress import advance, listening, portion, renaming, show_outlines, stage
 
 
-def told(progress: zo.Progress) -> tuple[float, str]:
+def round_progress(progress: zo.Progress) -> tuple[float, str]:
     return round(progress.fraction, 9), progress.stage
 
 
-def test_portions_nest_and_map_their_progress_into_the_enclosing_one() -> None:
+def test_portions_map_progress_into_the_enclosing_portion() -> None:
     def work() -> None:
         advance(0.1)
         with portion(0.2, 0.6):
@@ -32,7 +32,7 @@ def test_portions_nest_and_map_their_progress_into_the_enclosing_one() -> None:
     assert fractions_of(work) == pytest.approx([0.1, 0.4, 0.4, 0.5, 0.6, 0.8])
 
 
-def test_the_innermost_title_wins_and_an_untitled_report_keeps_that_of_its_stage() -> None:
+def test_innermost_title_wins_and_untitled_reports_inherit_it() -> None:
     def work() -> None:
         advance(0.0)
         with stage("Outer", 0.1, 0.9):
@@ -45,7 +45,7 @@ def test_the_innermost_title_wins_and_an_untitled_report_keeps_that_of_its_stage
         advance(0.95)
 
     _, reports = reports_of(work)
-    assert [told(one) for one in reports] == [
+    assert [round_progress(one) for one in reports] == [
         (0.0, ""),
         (0.1, "Outer"),
         (0.3, "Outer"),
@@ -57,7 +57,7 @@ def test_the_innermost_title_wins_and_an_untitled_report_keeps_that_of_its_stage
     ]
 
 
-def test_a_stage_is_told_as_it_begins_and_a_portion_is_not() -> None:
+def test_stages_report_when_they_begin_but_portions_do_not() -> None:
     heard: list[zo.Progress] = []
     with zo.progress(heard.append):
         with portion(0.1, 0.2):
@@ -67,16 +67,16 @@ def test_a_stage_is_told_as_it_begins_and_a_portion_is_not() -> None:
             assert heard == [zo.Progress(0.3, "Thinking")]
 
 
-def test_titles_can_be_changed_where_there_are_any() -> None:
+def test_renaming_changes_titles_but_not_empty_ones() -> None:
     heard: list[zo.Progress] = []
     with zo.progress(heard.append), renaming(str.upper):
         advance(0.1)
         with stage("Thinking", 0.2, 0.4):
             advance(0.5)
-    assert [told(one) for one in heard] == [(0.1, ""), (0.2, "THINKING"), (0.3, "THINKING")]
+    assert [round_progress(one) for one in heard] == [(0.1, ""), (0.2, "THINKING"), (0.3, "THINKING")]
 
 
-def test_fractions_that_a_listener_hears_never_fall_nor_exceed_one() -> None:
+def test_reported_fractions_never_fall_or_exceed_one() -> None:
     heard: list[zo.Progress] = []
     with zo.progress(heard.append):
         for fraction in (0.2, 0.1, 0.5, 1.2, 0.9):
@@ -84,7 +84,7 @@ def test_fractions_that_a_listener_hears_never_fall_nor_exceed_one() -> None:
     assert [one.fraction for one in heard] == [0.2, 0.2, 0.5, 1.0, 1.0]
 
 
-def test_each_of_several_listeners_hears_the_progress_of_its_own_block() -> None:
+def test_each_listener_receives_progress_of_its_own_block() -> None:
     outer: list[zo.Progress] = []
     inner: list[zo.Progress] = []
     with zo.progress(outer.append):
@@ -92,11 +92,11 @@ def test_each_of_several_listeners_hears_the_progress_of_its_own_block() -> None
             advance(0.5)
         with stage("Second", 0.5, 1.0), listening(None):
             advance(1.0)
-    assert [told(one) for one in inner] == [(0.5, "")]
-    assert [told(one) for one in outer] == [(0.0, "First"), (0.25, "First"), (0.5, "Second"), (1.0, "Second")]
+    assert [round_progress(one) for one in inner] == [(0.5, "")]
+    assert [round_progress(one) for one in outer] == [(0.0, "First"), (0.25, "First"), (0.5, "Second"), (1.0, "Second")]
 
 
-def test_outlines_reach_all_listeners_at_once_and_stay_until_there_are_others() -> None:
+def test_outlines_reach_all_listeners_and_stay_until_replaced() -> None:
     outer: list[zo.Progress] = []
     inner: list[zo.Progress] = []
     first, second = ((np.arange(2), np.arange(2)),), ((np.arange(3), np.arange(3)),)
@@ -106,10 +106,14 @@ def test_outlines_reach_all_listeners_at_once_and_stay_until_there_are_others() 
         show_outlines(lambda: second)
     for heard in (outer, inner):
         assert [one.outlines for one in heard] == [(), first, first, second]
-        assert [told(one) for one in heard[1:]] == [(0.5, "Comparing"), (0.75, "Comparing"), (0.75, "Comparing")]
+        assert [round_progress(one) for one in heard[1:]] == [
+            (0.5, "Comparing"),
+            (0.75, "Comparing"),
+            (0.75, "Comparing"),
+        ]
 
 
-def test_outlines_are_computed_only_if_somebody_listens() -> None:
+def test_outlines_are_computed_only_for_listeners() -> None:
     computed: list[int] = []
     show_outlines(lambda: (computed.append(1), ())[1])
     assert not computed
@@ -118,7 +122,7 @@ def test_outlines_are_computed_only_if_somebody_listens() -> None:
     assert computed == [1]
 
 
-def test_a_listener_can_cancel_at_a_first_look() -> None:
+def test_listener_can_cancel_when_outlines_arrive() -> None:
     def stop(latest: zo.Progress) -> None:
         if latest.outlines:
             raise zo.Cancelled
@@ -127,7 +131,7 @@ def test_a_listener_can_cancel_at_a_first_look() -> None:
         show_outlines(lambda: ((np.arange(2), np.arange(2)),))
 
 
-def test_blocks_end_with_an_error_as_well_and_without_a_listener_nothing_is_told() -> None:
+def test_blocks_end_on_errors_and_work_without_a_listener() -> None:
     heard: list[zo.Progress] = []
     with pytest.raises(ValueError, match="no such thing"), zo.progress(heard.append), stage("Thinking", 0.5, 1.0):
         raise ValueError("no such thing")
@@ -136,7 +140,7 @@ def test_blocks_end_with_an_error_as_well_and_without_a_listener_nothing_is_told
     assert heard == [zo.Progress(0.5, "Thinking")]
 
 
-def test_other_threads_of_the_program_are_not_listened_to() -> None:
+def test_other_threads_do_not_report() -> None:
     heard: list[zo.Progress] = []
     with zo.progress(heard.append):
         other = threading.Thread(target=advance, args=(0.5,))
@@ -145,7 +149,7 @@ def test_other_threads_of_the_program_are_not_listened_to() -> None:
     assert heard == []
 
 
-def test_a_cancelled_computation_is_no_failure_that_could_be_caught_as_one() -> None:
+def test_cancelling_is_not_caught_as_an_exception() -> None:
     def work() -> str:
         try:
             advance(0.5)
@@ -163,7 +167,7 @@ def test_a_cancelled_computation_is_no_failure_that_could_be_caught_as_one() -> 
 @pytest.mark.parametrize("error", [zo.Cancelled, KeyError])
 @pytest.mark.parametrize("threads", [1, 2])
 @pytest.mark.parametrize("at", ["Reading the meshes", "Analyzing the shapes", "Guessing", "Refining"])
-def test_what_a_listener_raises_ends_a_match_and_reaches_the_caller(
+def test_errors_of_a_listener_end_the_match_and_reach_the_caller(
     error: type[BaseException], threads: int, at: str
 ) -> None:
     source, target = creature(220).surface, creature(200, seed=1).surface

@@ -59,12 +59,12 @@ def fractions_of(work: Callable[[], object]) -> list[float]:
 # --- results and progress -----------------------------------------------------------------------------------
 
 
-def test_both_run_at_the_same_time_and_return_in_their_order() -> None:
+def test_computations_run_concurrently_and_return_in_order() -> None:
     meeting = threading.Barrier(2)
     assert side_by_side(counting(3, "first", meeting), counting(3, "second", meeting)) == ("first", "second")
 
 
-def test_a_block_in_one_thread_stays_in_the_calling_one() -> None:
+def test_in_one_thread_stays_in_the_calling_thread() -> None:
     here = threading.current_thread()
     with in_one_thread():
         assert threads() == 1
@@ -73,7 +73,7 @@ def test_a_block_in_one_thread_stays_in_the_calling_one() -> None:
 
 
 @pytest.mark.parametrize("count", [1, 2, 5])
-def test_results_are_in_the_order_of_the_items_whichever_ends_first(count: int) -> None:
+def test_results_keep_the_order_of_the_items(count: int) -> None:
     zo.set_threads(count)
 
     def later_first(item: int) -> int:
@@ -84,14 +84,14 @@ def test_results_are_in_the_order_of_the_items_whichever_ends_first(count: int) 
     assert for_each(later_first, []) == []
 
 
-def test_items_are_worked_on_two_at_a_time() -> None:
+def test_two_items_are_processed_at_a_time() -> None:
     meeting = threading.Barrier(2)
     items = ["first", "second", "third", "fourth"]
     assert for_each(lambda item: counting(3, item.upper(), meeting)(), items) == ["FIRST", "SECOND", "THIRD", "FOURTH"]
 
 
 @pytest.mark.parametrize("count", [1, 2])
-def test_progress_is_the_mean_of_theirs_and_ends_with_the_longer_one(count: int) -> None:
+def test_progress_is_the_mean_of_all_computations(count: int) -> None:
     zo.set_threads(count)
     assert side_by_side(counting(1, "short"), counting(9, "long")) == ("short", "long")
     fractions = fractions_of(lambda: side_by_side(counting(1, "short"), counting(9, "long")))
@@ -102,7 +102,7 @@ def test_progress_is_the_mean_of_theirs_and_ends_with_the_longer_one(count: int)
     assert alone == pytest.approx([0.25, 0.5, 0.75, 1.0])
 
 
-def test_a_computation_that_does_not_move_on_leaves_the_mean_at_half() -> None:
+def test_stalled_computation_keeps_the_mean_below_half() -> None:
     heard: list[zo.Progress] = []
     ended = threading.Event()
 
@@ -120,7 +120,7 @@ def test_a_computation_that_does_not_move_on_leaves_the_mean_at_half() -> None:
 
 
 @pytest.mark.parametrize("count", [1, 2])
-def test_progress_of_threads_is_that_of_the_block_that_begins_them(count: int) -> None:
+def test_threads_report_to_the_block_that_starts_them(count: int) -> None:
     zo.set_threads(count)
     heard: list[zo.Progress] = []
 
@@ -134,7 +134,7 @@ def test_progress_of_threads_is_that_of_the_block_that_begins_them(count: int) -
     assert 0.4 < heard[0].fraction < heard[-1].fraction == pytest.approx(0.6)
 
 
-def test_one_thread_works_in_place_one_after_the_other() -> None:
+def test_one_thread_processes_items_in_place_and_in_order() -> None:
     zo.set_threads(1)
     order: list[tuple[int, threading.Thread]] = []
     for_each(lambda item: order.append((item, threading.current_thread())), range(3))
@@ -149,7 +149,7 @@ def failing() -> None:
 
 
 class Endless:
-    """A computation that reports without end, once it may, until it is cancelled."""
+    """A computation that, once it is allowed to, reports until it is cancelled."""
 
     def __init__(self) -> None:
         self.begun, self.may_report, self.stopped = threading.Event(), threading.Event(), threading.Event()
@@ -166,7 +166,7 @@ class Endless:
 
 
 @pytest.mark.parametrize("error_comes_first", [True, False])
-def test_an_error_in_one_reaches_the_caller_at_once_and_stops_the_other_at_its_next_report(
+def test_error_reaches_the_caller_at_once_and_stops_the_others(
     error_comes_first: bool,
 ) -> None:
     other = Endless()
@@ -184,7 +184,7 @@ def test_an_error_in_one_reaches_the_caller_at_once_and_stops_the_other_at_its_n
     assert other.stopped.wait(timeout=LONG)
 
 
-def test_after_an_error_nothing_else_is_begun() -> None:
+def test_no_items_start_after_an_error() -> None:
     begun: list[int] = []
 
     def work(item: int) -> None:
@@ -258,7 +258,7 @@ def two_blas_threads() -> Iterator[None]:
     assert threads_of_blas() == before
 
 
-def test_a_thread_that_cannot_start_is_a_lack_of_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_thread_that_cannot_start_raises_memory_error(monkeypatch: pytest.MonkeyPatch) -> None:
     def failing(_: threading.Thread) -> None:
         raise RuntimeError("can't start new thread")
 
@@ -291,7 +291,7 @@ def test_blas_has_one_thread_until_all_computations_have_ended() -> None:
 
 
 @pytest.mark.usefixtures("two_blas_threads")
-def test_blas_has_its_threads_back_where_the_first_to_enter_leaves_first_and_lives_on() -> None:
+def test_blas_threads_are_restored_if_the_first_caller_leaves_first() -> None:
     begun, may_end = threading.Event(), threading.Event()
 
     @on_one_blas_thread
@@ -313,7 +313,7 @@ def test_blas_has_its_threads_back_where_the_first_to_enter_leaves_first_and_liv
 
 
 @pytest.mark.usefixtures("two_blas_threads")
-def test_blas_has_its_threads_back_after_an_error() -> None:
+def test_blas_threads_are_restored_after_an_error() -> None:
     with pytest.raises(ValueError, match="no such thing"):
         on_one_blas_thread(failing)()
     assert threads_of_blas() == {2}
@@ -331,7 +331,7 @@ def test_nested_computations_and_their_threads_have_one_blas_thread() -> None:
 # --- the number of threads ----------------------------------------------------------------------------------
 
 
-def most_at_work(count: int) -> int:
+def max_at_work(count: int) -> int:
     """Greatest number of nested computations that ran at the same time."""
     lock, at_work, most = threading.Lock(), 0, 0
 
@@ -350,11 +350,11 @@ def most_at_work(count: int) -> int:
 
 
 @pytest.mark.parametrize("count", [1, 2, 5])
-def test_so_many_threads_are_at_work_at_a_time_however_computations_are_nested(count: int) -> None:
-    assert most_at_work(count) == count
+def test_nested_computations_use_the_set_number_of_threads(count: int) -> None:
+    assert max_at_work(count) == count
 
 
-def test_the_environment_sets_the_number_of_threads_where_the_caller_does_not(
+def test_environment_sets_the_default_number_of_threads(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setenv("ZOOMOUT_THREADS", "3")
@@ -371,7 +371,7 @@ def test_the_environment_sets_the_number_of_threads_where_the_caller_does_not(
 
 
 @pytest.mark.parametrize("count", [0, -1, 2.5, True, "2"])
-def test_numbers_of_threads_that_make_no_sense_are_refused(count: object) -> None:
+def test_invalid_numbers_of_threads_are_refused(count: object) -> None:
     with pytest.raises(ValueError, match="whole number of 1 or more"):
         zo.set_threads(count)  # type: ignore[arg-type]
 

@@ -39,7 +39,7 @@ def test_a_hull_is_wound_outwards() -> None:
     assert (np.einsum("ij,ij->i", np.cross(b - a, c - a), a) > 0).all()
 
 
-def test_a_grid_faces_up_and_has_its_points_in_the_order_of_its_columns() -> None:
+def test_grid_faces_up_with_points_in_column_order() -> None:
     flat = grid(np.array([0.0, 1, 3]), np.array([0.0, 2]))
     np.testing.assert_array_equal(flat.vertices[:3], [[0, 0, 0], [0, 2, 0], [1, 0, 0]])
     np.testing.assert_array_equal(grid_faces(2, 1), [[0, 2, 3, 1], [2, 4, 5, 3]])
@@ -65,7 +65,7 @@ def test_rings_are_wound_outwards() -> None:
     assert len(ring_faces(3, 12, closed=True)) == 36
 
 
-def test_a_line_keeps_its_length_along_an_arc_and_bends_towards_the_centre() -> None:
+def test_line_bent_along_an_arc_keeps_its_length() -> None:
     angle = np.linspace(0, 1.2, 400)
     along, across = bend_along_arc(np.full(400, 0.5), angle, 3.0, middle=0.5)
     assert np.hypot(np.diff(along), np.diff(across)).sum() == pytest.approx(3 * 1.2, rel=1e-4)
@@ -74,7 +74,7 @@ def test_a_line_keeps_its_length_along_an_arc_and_bends_towards_the_centre() -> 
     assert (np.diff(across) > 0).all()
 
 
-def test_a_body_of_solids_is_closed_wound_outwards_and_where_its_distance_is_zero() -> None:
+def test_surface_net_of_solids_is_closed_and_wound_outwards() -> None:
     arm: list[Solid] = [Limb(((0.2, 0, 0, 0.1), (0.6, 0, 0.2, 0.08)), blend=0.05)]
     solids = [Ellipsoid((0, 0, 0), (0.3, 0.25, 0.4)), *both_sides(arm)]
     space = bounds(solids, 0.2)
@@ -87,7 +87,7 @@ def test_a_body_of_solids_is_closed_wound_outwards_and_where_its_distance_is_zer
     assert inside < 0 < outside
 
 
-def test_chains_of_bones_hang_on_each_other_and_are_mirrored_with_their_parents() -> None:
+def test_bone_chains_are_parented_and_mirrored() -> None:
     first, second = chain_of_bones("toe", "foot.L", (0, 0, 0), (1, 0, 0), (2, 0, 1), side=".L")
     assert second == BoneRow("toe_2.L", "toe_1.L", (1, 0, 0), (2, 0, 1))
     assert first.mirrored() == BoneRow("toe_1.R", "foot.R", (0, 0, 0), (-1, 0, 0))

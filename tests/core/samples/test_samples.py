@@ -23,7 +23,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return place
 
 
-def test_the_character_has_all_that_a_game_asks_for(folder: Path) -> None:
+def test_character_has_materials_skin_and_animation(folder: Path) -> None:
     found = zo.read_asset(folder / "character.glb")
     assert {each.name for each in found.attributes} == {"uv 0", "color 0", "normals", "materials"}
     assert [material.name for material in found.materials] == ["Body", "Limbs"]
@@ -38,7 +38,7 @@ def test_the_character_has_all_that_a_game_asks_for(folder: Path) -> None:
     assert [each.name for each in found.document.gltf.animations] == ["Wave"]
 
 
-def test_limbs_have_their_share_of_vertices_and_coordinates_cross_the_seam(folder: Path) -> None:
+def test_limbs_are_sampled_by_area_and_uvs_continue_across_the_seam(folder: Path) -> None:
     made = samples.scan()
     limb = samples.limb_weights(made.directions)[:, 0] < 0.5
     assert limb.mean() == pytest.approx(made.surface.share_of_area(limb), rel=0.2)
@@ -48,7 +48,7 @@ def test_limbs_have_their_share_of_vertices_and_coordinates_cross_the_seam(folde
     assert (across > 0.5).sum() <= 4  # at the poles, where all longitudes meet
 
 
-def test_the_truth_names_the_same_places(folder: Path) -> None:
+def test_truth_file_pairs_corresponding_vertices(folder: Path) -> None:
     pairs = np.loadtxt(folder / "truth.txt", dtype=int)
     source, target = zo.read_surface(folder / "character.glb"), zo.read_surface(folder / "scan.ply")
     assert len(pairs) > 300
@@ -61,7 +61,7 @@ def test_the_truth_names_the_same_places(folder: Path) -> None:
     assert np.linalg.norm(source.vertices[pairs[:, 0]] - target.vertices[pairs[:, 1]], axis=1).max() > 1
 
 
-def test_a_folder_that_cannot_be_made_is_one_sentence(tmp_path: Path) -> None:
+def test_folder_that_cannot_be_created_is_reported(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     done = CliRunner().invoke(main, ["sample", str(tmp_path / "file" / "in")])
     assert done.exit_code == 1

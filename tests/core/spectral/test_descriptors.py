@@ -15,7 +15,7 @@ from zoomout_core.spectral.eigenbasis import SpectralBasis, eigenbasis, working_
 from zoomout_core.spectral.laplacian import mesh_laplacian
 
 
-def test_signatures_of_the_same_place_agree_in_another_pose(resting: Creature, bent: Creature) -> None:
+def test_signatures_agree_across_poses(resting: Creature, bent: Creature) -> None:
     from creatures import true_vertex
 
     bases = [working_basis(creature.surface.working, 80) for creature in (resting, bent)]
@@ -28,7 +28,7 @@ def test_signatures_of_the_same_place_agree_in_another_pose(resting: Creature, b
 
 
 @pytest.mark.parametrize("signature", [wave_kernel_signature, heat_kernel_signature])
-def test_loose_parts_leave_signatures_of_a_surface_as_they_are(signature) -> None:
+def test_loose_parts_do_not_change_signatures(signature) -> None:
     # Functions that are constant on each part are uninformative, even if rounding makes their eigenvalues nonzero.
     alone = eigenbasis(creature(600, seed=1).surface, 40)
     part = SpectralBasis(
@@ -43,7 +43,7 @@ def test_loose_parts_leave_signatures_of_a_surface_as_they_are(signature) -> Non
         signature(part, 10, k=3)
 
 
-def test_a_basis_says_how_many_components_its_surface_has() -> None:
+def test_basis_counts_the_components_of_its_surface() -> None:
     one, other = creature(300, seed=0).surface, creature(200, seed=1).surface
     joined = Surface.joined([one, other.with_vertices(other.vertices * 0.3 + 9)])
     assert eigenbasis(one, 5).components == 1
@@ -55,7 +55,7 @@ def test_a_basis_says_how_many_components_its_surface_has() -> None:
 @pytest.mark.parametrize(
     ("signature", "kernels"), [(wave_kernel_signature, wave_kernel_map), (heat_kernel_signature, heat_kernel_map)]
 )
-def test_descriptors_from_landmarks_are_symmetric_and_signatures_at_themselves(signature, kernels) -> None:
+def test_landmark_kernels_are_symmetric_and_contain_the_signatures(signature, kernels) -> None:
     basis = eigenbasis(creature(300, seed=0).surface, 30)
     vertices = np.arange(300)
     found = kernels(basis, vertices, 4).reshape(300, 300, 4)  # vertex, landmark, energy or time
@@ -64,7 +64,7 @@ def test_descriptors_from_landmarks_are_symmetric_and_signatures_at_themselves(s
     np.testing.assert_allclose(kernels(basis, [7, 5], 4), found[:, [7, 5]].reshape(300, 8), atol=1e-12)
 
 
-def test_descriptors_refuse_what_is_out_of_range() -> None:
+def test_descriptors_refuse_invalid_arguments() -> None:
     basis = eigenbasis(creature(300, seed=0).surface, 12)
     for wrong, words in (
         (lambda: wave_kernel_signature(basis, 0), "count is 0: give a whole number"),
@@ -78,7 +78,7 @@ def test_descriptors_refuse_what_is_out_of_range() -> None:
             wrong()
 
 
-def test_pseudo_scalars_turn_their_sign_in_the_mirror(resting: Creature) -> None:
+def test_pseudo_scalars_change_sign_under_reflection(resting: Creature) -> None:
     mirrored = Surface(resting.surface.vertices * [-1, 1, 1], resting.surface.triangles[:, ::-1])
     f, g = resting.surface.vertices[:, [0]], resting.surface.vertices[:, [2]]
     values = []
@@ -89,7 +89,7 @@ def test_pseudo_scalars_turn_their_sign_in_the_mirror(resting: Creature) -> None
     np.testing.assert_allclose(values[1], -values[0], atol=1e-9)
 
 
-def test_pseudo_scalars_of_coordinates_on_a_sphere_are_the_normal() -> None:
+def test_pseudo_scalars_of_sphere_coordinates_equal_the_normal() -> None:
     points = directions(4000, seed=2)
     working = Surface(points, ConvexHull(points).simplices).working
     areas = mesh_laplacian(working.vertices, working.triangles)[1]

@@ -36,7 +36,7 @@ def test_eigenfunctions_are_orthonormal_under_areas_that_sum_to_one(resting: Cre
 
 
 @pytest.mark.parametrize("count", [900, 5000])
-def test_a_sphere_has_the_eigenvalues_of_the_sphere(count: int) -> None:
+def test_sphere_has_its_analytic_eigenvalues(count: int) -> None:
     points = directions(count, seed=3)
     eigenvalues = eigenbasis(Surface(points, ConvexHull(points).simplices), 49).eigenvalues
     degree = np.repeat(np.arange(7), 2 * np.arange(7) + 1)
@@ -55,7 +55,7 @@ def test_every_component_has_a_constant_eigenfunction(resting: Creature) -> None
     np.testing.assert_allclose(double[2:], 2 * np.repeat(single[1:20], 2), rtol=1e-4)
 
 
-def test_the_spectrum_does_not_depend_on_unit_place_or_vertex_order(resting: Creature) -> None:
+def test_spectrum_does_not_depend_on_units_placement_or_vertex_order(resting: Creature) -> None:
     random = np.random.default_rng(0)
     rotation = np.linalg.qr(random.standard_normal((3, 3)))[0]
     order = random.permutation(len(resting.surface.vertices))
@@ -85,7 +85,7 @@ def test_the_same_seed_gives_the_same_basis(resting: Creature) -> None:
     assert np.array_equal(first.eigenvectors, second.eigenvectors)
 
 
-def test_a_point_cloud_has_nearly_the_spectrum_of_its_sphere() -> None:
+def test_point_cloud_approximates_the_spectrum_of_its_sphere() -> None:
     eigenvalues = eigenbasis(PointCloud(directions(4000, seed=1)), 9).eigenvalues
     np.testing.assert_allclose(eigenvalues[1:], 4 * np.pi * np.repeat([2.0, 6.0], [3, 5]), rtol=0.05)
 
@@ -97,12 +97,12 @@ def test_points_that_span_no_surface_are_refused(places: list[int]) -> None:
 
 
 @pytest.mark.parametrize("k", [0, 4000, 5000])
-def test_more_eigenfunctions_than_vertices_are_refused(resting: Creature, k: int) -> None:
+def test_impossible_numbers_of_eigenfunctions_are_refused(resting: Creature, k: int) -> None:
     with pytest.raises(MeshError, match="request fewer"):
         eigenbasis(resting.surface, k)
 
 
-def test_what_is_no_shape_or_no_number_is_refused_by_saying_what_is_wanted(resting: Creature) -> None:
+def test_invalid_shapes_and_counts_are_refused(resting: Creature) -> None:
     for shape in (resting.surface.vertices, [], None, resting):
         with pytest.raises(TypeError, match=r"A mesh is needed, not a \w+: give"):
             eigenbasis(shape, 10)
@@ -124,7 +124,7 @@ def test_a_mesh_with_slivers_and_non_manifold_edges_has_a_basis(resting: Creatur
     np.testing.assert_allclose(eigenvalues, eigenbasis(surface, 30).eigenvalues, rtol=0.02, atol=1e-4)
 
 
-def test_a_missing_eigenvalue_is_noticed(resting: Creature) -> None:
+def test_missing_eigenvalues_are_detected(resting: Creature) -> None:
     working = resting.surface.working
     stiffness, areas = mesh_laplacian(working.vertices, working.triangles)
     values = eigenbasis(resting.surface, 60).eigenvalues
@@ -133,7 +133,7 @@ def test_a_missing_eigenvalue_is_noticed(resting: Creature) -> None:
         assert not _is_complete(np.delete(values, missing), 50, stiffness, areas)
 
 
-def test_pairs_that_the_iteration_missed_are_found_later(resting: Creature, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_iteration_continues_until_the_spectrum_is_complete(resting: Creature, monkeypatch: pytest.MonkeyPatch) -> None:
     """If the completeness check fails at first, the iteration goes on and finds the same eigenvalues."""
     working = resting.surface.working
     stiffness, areas = mesh_laplacian(working.vertices, working.triangles)
@@ -145,7 +145,7 @@ def test_pairs_that_the_iteration_missed_are_found_later(resting: Creature, monk
     np.testing.assert_allclose(values, expected, rtol=1e-5, atol=1e-5)
 
 
-def test_a_matrix_that_does_not_fit_gives_nearly_the_same_functions_from_a_smaller_mesh(
+def test_out_of_memory_falls_back_to_a_coarser_mesh(
     resting: Creature, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     exact = eigenbasis(resting.surface, 30)
@@ -168,14 +168,16 @@ def test_a_matrix_that_does_not_fit_gives_nearly_the_same_functions_from_a_small
     assert cosines[:20].min() > 0.98
 
 
-def test_blas_is_left_as_it_was(resting: Creature) -> None:
+def test_blas_thread_count_is_restored(resting: Creature) -> None:
     with threadpool_limits(2, user_api="blas"):
         eigenbasis(resting.surface, 20)
         assert {library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"} == {2}
 
 
 @pytest.mark.parametrize("count", [1, 5, 8])
-def test_the_number_of_threads_changes_nothing(resting: Creature, count: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_results_do_not_depend_on_the_number_of_threads(
+    resting: Creature, count: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Results are bitwise equal, with thresholds lowered so that several threads share these short vectors."""
     monkeypatch.setattr(module, "MIN_THREADED_VERTICES", 100)
     monkeypatch.setattr(module, "MIN_SPARSE_VERTICES", 200)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Hamiltonian eigenfunctions are confined to low potential and lead maps of parts to their places."""
+"""Hamiltonian eigenfunctions are confined to low potential and keep maps of parts inside their regions."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ DEGREE = np.repeat([1, 2, 3], [1, 2, 3])
 HEMISPHERE = 4 * np.pi * DEGREE * (DEGREE + 1)
 
 
-def test_without_a_potential_it_is_the_ordinary_basis(resting: Creature) -> None:
+def test_zero_potential_gives_the_ordinary_basis(resting: Creature) -> None:
     basis, hamiltonian = zo.eigenbasis(resting.surface, 30), zo.hamiltonian_basis(resting.surface, np.zeros(4000), 30)
     np.testing.assert_allclose(hamiltonian.eigenvalues, basis.eigenvalues, atol=1e-6)
     np.testing.assert_allclose(hamiltonian.eigenvectors, basis.eigenvectors, atol=1e-4)
@@ -26,14 +26,14 @@ def test_without_a_potential_it_is_the_ordinary_basis(resting: Creature) -> None
 
 
 @pytest.mark.parametrize("count", [900, 3000])
-def test_a_strong_potential_is_a_wall(count: int) -> None:
+def test_strong_potential_acts_as_dirichlet_boundary(count: int) -> None:
     points = directions(count, seed=3)
     sphere, beyond = zo.Surface(points, ConvexHull(points).simplices), points[:, 2] < 0
     eigenvalues = zo.hamiltonian_basis(sphere, beyond, 6, strength=10_000).eigenvalues
     np.testing.assert_allclose(eigenvalues, HEMISPHERE, rtol=0.1)
 
 
-def test_functions_are_orthonormal_and_next_to_nothing_where_the_potential_is_one(resting: Creature) -> None:
+def test_functions_are_orthonormal_and_confined_to_low_potential(resting: Creature) -> None:
     beyond = resting.directions[:, 0] < 0.1
     basis = zo.hamiltonian_basis(resting.surface, beyond, 40)
     np.testing.assert_allclose(basis.coefficients(basis.eigenvectors), np.eye(40), atol=1e-5)
@@ -45,7 +45,7 @@ def test_functions_are_orthonormal_and_next_to_nothing_where_the_potential_is_on
     assert (basis.eigenvalues < stronger).all()
 
 
-def test_a_cloud_and_split_vertices_have_the_functions_of_their_surface() -> None:
+def test_clouds_and_split_vertices_have_the_spectrum_of_their_surface() -> None:
     points = directions(3000, seed=1)
     beyond = points[:, 2] < 0
     cloud = zo.hamiltonian_basis(zo.PointCloud(points), beyond, 6, strength=10_000)
@@ -59,7 +59,7 @@ def test_a_cloud_and_split_vertices_have_the_functions_of_their_surface() -> Non
     np.testing.assert_allclose(split.areas.sum(), 1)
 
 
-def test_a_matrix_that_does_not_fit_gives_nearly_the_same_functions_from_a_smaller_mesh(
+def test_out_of_memory_falls_back_to_a_coarser_mesh(
     resting: Creature, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     beyond = resting.directions[:, 0] < 0.1
@@ -81,7 +81,7 @@ def test_a_matrix_that_does_not_fit_gives_nearly_the_same_functions_from_a_small
     assert (basis.areas[beyond] @ basis.eigenvectors[beyond] ** 2).max() < 0.02
 
 
-def test_signatures_leave_out_what_is_constant_alone() -> None:
+def test_signatures_skip_only_constant_functions() -> None:
     """A sphere with a potential on its upper half, beside a small free one: one function is constant."""
     points = directions(900, seed=3)
     triangles = ConvexHull(points).simplices
@@ -97,7 +97,7 @@ def test_signatures_leave_out_what_is_constant_alone() -> None:
     assert zo.hamiltonian_basis(both, np.zeros(1800), 8).components == 2
 
 
-def test_a_part_is_found_on_the_whole(resting: Creature) -> None:
+def test_zoomout_with_hamiltonian_basis_finds_a_part_on_the_whole(resting: Creature) -> None:
     """ZoomOut starts from a half-wrong map and uses functions confined to the same region of the whole."""
     bent = creature(2500, seed=1, bend=0.5)
     inside = (bent.directions[:, 0] > 0.1)[bent.surface.triangles].all(axis=1)
@@ -139,13 +139,13 @@ def off(source: Creature, vertex: np.ndarray, truth: np.ndarray) -> float:
         (np.zeros(4000), {"strength": "high"}, "strength is 'high'"),
     ],
 )
-def test_potentials_that_are_none_are_refused(resting: Creature, potential, arguments, sentence) -> None:
+def test_invalid_potentials_are_refused(resting: Creature, potential, arguments, sentence) -> None:
     with pytest.raises(ValueError, match=sentence) as refusal:
         zo.hamiltonian_basis(resting.surface, potential, 10, **arguments)
     assert "\n" not in str(refusal.value)
 
 
-def test_what_is_no_shape_or_no_number_is_refused(resting: Creature) -> None:
+def test_invalid_shapes_and_counts_are_refused(resting: Creature) -> None:
     with pytest.raises(TypeError, match="A mesh is needed"):
         zo.hamiltonian_basis(resting.surface.vertices, np.zeros(4000), 10)
     for k in (0, 4000):

@@ -31,7 +31,7 @@ def test_multiplication_operators_multiply(made, basis) -> None:
         np.testing.assert_allclose(operator, products, atol=1e-12)
 
 
-def test_orientation_operators_of_coordinates_on_a_sphere_turn_about_an_axis() -> None:
+def test_orientation_operator_on_a_sphere_rotates_about_an_axis() -> None:
     # <n x grad z, grad x> is y, and <n x grad z, grad y> is -x, up to the sign of the axis.
     points = directions(1500, seed=0)
     sphere = Surface(points, ConvexHull(points).simplices)
@@ -44,7 +44,7 @@ def test_orientation_operators_of_coordinates_on_a_sphere_turn_about_an_axis() -
     np.testing.assert_allclose(operator @ z, 0, atol=0.02 * 4 * np.pi)
 
 
-def test_orientation_operators_are_antisymmetric_and_turn_their_sign_in_the_mirror(made, basis) -> None:
+def test_orientation_operators_are_antisymmetric_and_flip_when_mirrored(made, basis) -> None:
     f = made.surface.vertices[:, [2]] ** 2
     operators = orientation_operators(made.surface, basis, f, 20)
     assert np.abs(operators).max() > 1
@@ -57,7 +57,7 @@ def test_orientation_operators_are_antisymmetric_and_turn_their_sign_in_the_mirr
     np.testing.assert_allclose(orientation_operators(inside_out, basis, f, 20), operators, atol=1e-9)
 
 
-def test_orientation_operators_of_a_cloud_are_those_of_its_surface(made) -> None:
+def test_orientation_operators_of_a_cloud_equal_those_of_its_surface(made) -> None:
     cloud = PointCloud(creature(1500, seed=0).surface.vertices)
     basis = eigenbasis(cloud, 10)
     f = cloud.points[:, [2]]
@@ -66,7 +66,7 @@ def test_orientation_operators_of_a_cloud_are_those_of_its_surface(made) -> None
     assert np.abs(found).max() > 0.1
 
 
-def test_operators_refuse_what_does_not_fit(made, basis) -> None:
+def test_operators_refuse_invalid_arguments(made, basis) -> None:
     surface, f = made.surface, made.surface.vertices
     hole = f.copy()
     hole[3, 1] = np.nan

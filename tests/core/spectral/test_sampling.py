@@ -19,7 +19,7 @@ def test_samples_cover_evenly_and_are_distinct(resting: Creature) -> None:
     assert hole <= gap + 1e-12  # no point is farther from the samples than they are from each other
 
 
-def test_samples_do_not_depend_on_order_or_place(resting: Creature) -> None:
+def test_samples_do_not_depend_on_vertex_order_or_placement(resting: Creature) -> None:
     points = resting.surface.vertices
     order = np.random.default_rng(0).permutation(len(points))
     rotation = np.linalg.qr(np.random.default_rng(1).standard_normal((3, 3)))[0]
@@ -28,7 +28,7 @@ def test_samples_do_not_depend_on_order_or_place(resting: Creature) -> None:
     np.testing.assert_array_equal(order[second], first)
 
 
-def test_all_points_are_taken_when_there_are_fewer(resting: Creature) -> None:
+def test_all_points_are_sampled_if_there_are_fewer(resting: Creature) -> None:
     assert np.array_equal(np.sort(farthest_points(resting.surface.vertices[:50], 80)), np.arange(50))
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Blend with existing values: modes, factor and mask work alike for every kind."""
+"""Blend with existing values: modes, factor and mask work the same way for every kind."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def test_numbers_are_mixed_by_factor_and_mask(kind: Kind, domain: Domain) -> Non
     np.testing.assert_allclose(masked, amount * new + (1 - amount) * old, atol=1e-6)
 
 
-def test_only_what_is_missing_is_added() -> None:
+def test_missing_mode_replaces_only_empty_values() -> None:
     new, old = numbers(Domain.POINT, 3), numbers(Domain.POINT, 3)
     old[::3] = 0
     old[1, 0] = 0
@@ -64,7 +64,7 @@ def test_only_what_is_missing_is_added() -> None:
     np.testing.assert_array_equal(result[rest], old[rest])
 
 
-def test_what_the_target_lacks_counts_as_zero() -> None:
+def test_missing_attribute_counts_as_zero() -> None:
     new = numbers(Domain.POINT, 3)
     result = blend(attribute(Kind.VECTOR, Domain.POINT, new), None, TARGET, Blend(mask=MASK)).values
     np.testing.assert_allclose(result, new * MASK[:, None], atol=1e-6)
@@ -100,7 +100,7 @@ def skin(labels: tuple[str, ...], seed: int) -> Attribute:
     return Attribute("skin", Domain.POINT, Kind.WEIGHT, csr_array(weights), labels)
 
 
-def test_mixed_weights_keep_the_sum_and_the_order_of_the_transferred_groups() -> None:
+def test_blended_weights_keep_their_sum_and_group_order() -> None:
     new, old = skin(("a", "b", "c"), 1), skin(("c", "b", "a"), 2)
     result = blend(new, old, TARGET, Blend(factor=0.25, mask=MASK), {"a", "b", "c"})
     assert result.labels == new.labels
@@ -110,7 +110,7 @@ def test_mixed_weights_keep_the_sum_and_the_order_of_the_transferred_groups() ->
     np.testing.assert_allclose(result.values.sum(axis=1), 1, atol=1e-12)
 
 
-def test_vertices_with_weights_of_any_sharing_group_lack_none_but_masks_are_each_for_themselves() -> None:
+def test_missing_weights_are_judged_jointly_only_for_shared_groups() -> None:
     new = skin(("a", "b", "mask"), 1)
     table = np.zeros((N, 3))
     table[: N // 2, 0] = 1  # weights of a bone that the source lacks
@@ -123,20 +123,20 @@ def test_vertices_with_weights_of_any_sharing_group_lack_none_but_masks_are_each
     np.testing.assert_allclose(result, expected, atol=1e-12)
 
 
-def test_groups_that_the_target_lacks_are_scaled() -> None:
+def test_groups_that_the_target_lacks_are_scaled_by_the_mask() -> None:
     new = skin(("a", "b", "c"), 1)
     for present in (None, skin(("d", "e"), 2)):
         result = blend(new, present, TARGET, Blend(mask=MASK)).values
         np.testing.assert_allclose(result.toarray(), new.values.toarray() * MASK[:, None], atol=1e-12)
 
 
-def test_only_a_full_mix_replaces_what_was_there() -> None:
+def test_only_a_full_blend_replaces_existing_values() -> None:
     assert Blend().replaces
     for how in (Blend("missing"), Blend(factor=0.9), Blend(mask=np.ones(N)), Blend("missing", 0.5)):
         assert not how.replaces
 
 
-def test_nothing_is_zero_false_or_empty_in_all_columns() -> None:
+def test_empty_values_are_zero_false_or_empty_strings() -> None:
     names = np.array([["", ""], ["a", ""], ["", "b"]], dtype=object)
     assert nothing(names, 2).tolist() == [["", ""], ["", ""]]
     np.testing.assert_array_equal(is_nothing(names), [True, False, False])
@@ -148,7 +148,7 @@ def test_nothing_is_zero_false_or_empty_in_all_columns() -> None:
     np.testing.assert_array_equal(is_nothing(np.array([False, True])), [True, False])
 
 
-def test_wrong_ways_to_blend_are_refused() -> None:
+def test_invalid_blend_options_are_refused() -> None:
     new = attribute(Kind.SCALAR, Domain.POINT, np.ones(N))
     with pytest.raises(ValueError, match="mode is 'add'"):
         Blend("add")  # type: ignore[arg-type]

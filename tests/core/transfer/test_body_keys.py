@@ -47,7 +47,7 @@ def test_keys_do_not_depend_on_the_unit() -> None:
     np.testing.assert_allclose(other / 1000, one, atol=1e-9)
 
 
-def test_cloth_that_hangs_free_follows_the_frame_but_not_the_detail() -> None:
+def test_loose_cloth_follows_broad_motion_but_not_detail() -> None:
     skirt = shell(1.4)
     lift = np.tile([0, 0, 0.5], (len(BODY.vertices), 1))
     waves = 0.1 * np.sin(20 * BODY.vertices[:, :1]) * BODY.vertices
@@ -59,7 +59,7 @@ def test_cloth_that_hangs_free_follows_the_frame_but_not_the_detail() -> None:
     assert np.linalg.norm(found[:, 1], axis=1).mean() < 0.3 * np.linalg.norm(narrow[:, 1], axis=1).mean()
 
 
-def test_near_the_skin_patches_stay_narrow() -> None:
+def test_influence_stays_narrow_near_the_skin() -> None:
     shirt, ridge = shell(1.04), bump(0.2, 0.1)
     heights = []
     for close in (BODY_KEYS.close, 0.0):
@@ -68,7 +68,7 @@ def test_near_the_skin_patches_stay_narrow() -> None:
     assert heights[0] > 1.1 * heights[1]
 
 
-def test_the_skin_does_not_come_through() -> None:
+def test_skin_does_not_penetrate_the_cloth() -> None:
     shirt, height, width = shell(1.1), 0.8, 0.3
 
     def clearance() -> float:
@@ -84,7 +84,7 @@ def test_the_skin_does_not_come_through() -> None:
     assert clearance() > -0.01
 
 
-def test_where_a_key_does_not_move_the_body_cloth_stays_exactly() -> None:
+def test_cloth_over_unmoved_skin_stays_exactly_in_place() -> None:
     shirt = shell(1.02)
     (found,) = zo.follow_keys(BODY, np.stack([bump(0.2), 0 * bump(0)], axis=1), [shirt])
     assert not found[:, 1].any()
@@ -102,12 +102,12 @@ def test_lines_and_loose_vertices_follow() -> None:
 
 
 @pytest.mark.parametrize("offsets", [np.zeros((3, 1, 3)), np.zeros((2500, 3)), np.full((2500, 1, 3), np.nan)])
-def test_offsets_that_do_not_fit_are_refused(offsets: np.ndarray) -> None:
+def test_invalid_offsets_are_refused(offsets: np.ndarray) -> None:
     with pytest.raises(ValueError, match="give finite ones"):
         zo.follow_keys(BODY, offsets, [BODY])
 
 
-def test_the_distance_without_a_key_is_measured_once_for_all_keys(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_rest_distance_is_measured_once_for_all_keys(monkeypatch: pytest.MonkeyPatch) -> None:
     shirt, measured = shell(1.02), list[bool]()
     sides = SidedSurface.sides
 
@@ -121,7 +121,7 @@ def test_the_distance_without_a_key_is_measured_once_for_all_keys(monkeypatch: p
     assert measured.count(False) >= 3
 
 
-def test_masked_patches_keep_their_form_with_a_key() -> None:
+def test_masked_patches_move_rigidly() -> None:
     shirt, offsets = shell(1.02), bump(0.2, 0.5)[:, None]
     mask = np.asarray(np.linalg.norm(shirt.vertices - [0.2, 0, 1], axis=1) < 0.3, float)
     chosen = np.flatnonzero(mask)

@@ -38,7 +38,7 @@ def test_cloth_bends_where_the_other_body_does() -> None:
     np.testing.assert_allclose(found.sum(axis=1), 1, atol=1e-9)
 
 
-def test_what_moves_unlike_the_skin_stays_as_it_is() -> None:
+def test_cloth_bound_unlike_the_skin_keeps_its_weights() -> None:
     given = np.zeros((len(SHIRT.vertices), 4))
     given[:, 2] = 0.5
     np.testing.assert_allclose(follow(SHIRT, csr_array(given)), given, atol=1e-9)
@@ -56,7 +56,7 @@ def test_masked_vertices_keep_their_weights() -> None:
     np.testing.assert_allclose(kept[mask == 0], free[mask == 0], atol=1e-9)
 
 
-def test_a_change_is_smooth_where_the_skin_below_is_torn() -> None:
+def test_weight_changes_are_smooth_where_places_are_torn() -> None:
     """The place of one vertex is off, so that the skin below it has other weights."""
     given, places = bend(SHIRT.vertices, 0.0), SHIRT.vertices.copy()
     wrong = int(np.argmin(np.abs(places[:, 2])))
@@ -68,7 +68,7 @@ def test_a_change_is_smooth_where_the_skin_below_is_torn() -> None:
     assert off < 0.6 * rough
 
 
-def test_a_vertex_is_moved_by_few_bones(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_number_of_bones_per_vertex_is_limited(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(body_weights, "BONES", 1)
     rigid = csr_array((bend(BODY.vertices, 0.0).toarray() > 0.5).astype(float))
     given = csr_array((bend(SHIRT.vertices, 0.0).toarray() > 0.5).astype(float))

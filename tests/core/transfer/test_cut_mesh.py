@@ -17,7 +17,7 @@ def uncut(surface: Surface) -> np.ndarray:
     return np.zeros((len(surface.corner_vertex), 1))
 
 
-def test_a_closed_surface_has_no_border_and_every_edge_two_faces() -> None:
+def test_closed_surface_has_no_border_and_two_faces_per_edge() -> None:
     for mesh in (sheet(torus, 60, 40).surface, split_at_faces(sheet(torus, 60, 40).surface)[0]):
         first, second = adjacent_edges(mesh)
         assert len(first) == 2 * 60 * 40
@@ -29,7 +29,7 @@ def test_a_closed_surface_has_no_border_and_every_edge_two_faces() -> None:
         assert cut.cut_vertex.max() + 1 == 60 * 40
 
 
-def test_three_faces_at_an_edge_are_joined_where_their_values_agree() -> None:
+def test_faces_at_a_non_manifold_edge_join_where_values_agree() -> None:
     vertices = np.array([[0, 0, 0], [0, 0, 1], [1, 0, 0], [-1, 1, 0], [-1, -1, 0]], dtype=float)
     fins = Surface(vertices, [[0, 1, 2], [1, 0, 3], [0, 1, 4]])
     first, _ = adjacent_edges(fins)
@@ -40,7 +40,7 @@ def test_three_faces_at_an_edge_are_joined_where_their_values_agree() -> None:
     assert island[0] != island[1]
 
 
-def test_a_cut_needs_a_real_jump_at_one_end_of_the_edge() -> None:
+def test_only_jumps_above_noise_cut_an_edge() -> None:
     mesh = sheet(tube, 60, 40)
     values = mesh.corners.copy()
     cut = cut_surface(mesh.surface, values)
@@ -50,7 +50,7 @@ def test_a_cut_needs_a_real_jump_at_one_end_of_the_edge() -> None:
     assert len(cut_surface(mesh.surface, values + noise).border) == len(cut.border)
 
 
-def test_walks_reach_every_point_that_hangs_together_with_their_start() -> None:
+def test_walks_reach_every_point_of_their_component() -> None:
     surface = sphere(directions(20000, seed=0))
     random = np.random.default_rng(0)
     triangle = random.integers(0, len(surface.triangles), 5000)
@@ -78,7 +78,7 @@ def test_walks_stop_at_a_cut() -> None:
     assert (left == 0).all()
 
 
-def test_walks_find_their_way_over_slivers_that_stand_up() -> None:
+def test_walks_cross_steep_slivers() -> None:
     # Hexagons with a straight side, whose middle corner is slightly off the plane and makes a sliver.
     surface = sheet(torus, 120, 80, sides=6).surface
     triangle = np.arange(len(surface.triangles))

@@ -69,7 +69,7 @@ def test_clothes_keep_their_distance_to_the_skin_in_every_unit() -> None:
     assert not carried.notes
 
 
-def test_a_match_alone_dresses_the_target_and_progress_is_told() -> None:
+def test_dress_needs_only_a_match_and_reports_progress() -> None:
     told: list[Progress] = []
     body, egg = ball(1, count=700, seed=1), ball(1, count=600, seed=2)
     target = egg.with_vertices(onto_egg(egg.vertices))
@@ -91,7 +91,7 @@ def nearest(points: np.ndarray, others: np.ndarray) -> np.ndarray:
     return np.asarray(np.linalg.norm(points[:, None] - others, axis=2).argmin(axis=1))
 
 
-def test_nothing_is_pushed_into_the_skin() -> None:
+def test_clothes_are_not_pushed_into_the_skin() -> None:
     shirt = shell(1.02)
     worn = np.unique(shirt.triangles)
     with retune(CONTACT, rounds=0):
@@ -103,13 +103,13 @@ def test_nothing_is_pushed_into_the_skin() -> None:
     assert not held.notes
 
 
-def test_a_gap_is_kept() -> None:
+def test_requested_gap_is_kept() -> None:
     shirt = shell(1.02)
     found = carry(BODY, EGG.vertices, EGG, [shirt], gap=0.05 * SIZE)
     assert off_egg(found.vertices[0][np.unique(shirt.triangles)]).min() > 0.04
 
 
-def test_what_lay_a_little_in_the_skin_is_brought_out() -> None:
+def test_shallow_penetration_is_resolved() -> None:
     shirt = shell(0.99)
     worn = np.unique(shirt.triangles)
     with retune(CONTACT, mended=0.0):
@@ -117,7 +117,7 @@ def test_what_lay_a_little_in_the_skin_is_brought_out() -> None:
     assert off_egg(carry(BODY, EGG.vertices, EGG, [shirt]).vertices[0][worn]).min() > -0.002
 
 
-def test_the_skin_does_not_come_through_large_faces() -> None:
+def test_skin_does_not_penetrate_large_faces() -> None:
     """A coarse shirt covers a body whose narrow bump misses the shirt's vertices, edge centres and face centres."""
     shirt = shell(1.06, 80)
     corner = shirt.triangles[0]
@@ -135,7 +135,7 @@ def test_the_skin_does_not_come_through_large_faces() -> None:
 
 
 @pytest.mark.parametrize("in_one_object", [False, True])
-def test_layers_stay_in_their_order(in_one_object: bool) -> None:
+def test_layers_keep_their_order(in_one_object: bool) -> None:
     shirt, jacket = shell(1.02), ball(1.04, count=500, seed=9)
     jacket = Surface(jacket.vertices, jacket.triangles[jacket.vertices[jacket.triangles][:, :, 2].min(axis=1) > 0.2])
     worn = np.unique(jacket.triangles)
@@ -154,7 +154,7 @@ def test_layers_stay_in_their_order(in_one_object: bool) -> None:
     assert between() > max(without, 0)
 
 
-def test_outfits_that_cross_each_other_do_not_displace_each_other() -> None:
+def test_intersecting_outfits_do_not_displace_each_other() -> None:
     shirt, other = shell(1.04), shell(1.04, count=700)
     other = other.with_vertices(other.vertices * (1 + 0.015 * np.sin(8 * other.vertices[:, :1])))
 
@@ -169,7 +169,7 @@ def test_outfits_that_cross_each_other_do_not_displace_each_other() -> None:
         assert displaced() > 0
 
 
-def test_solid_parts_keep_their_form() -> None:
+def test_solid_parts_keep_their_shape() -> None:
     eye = ball(0.06, centre=(0, 0, 1.02), count=100)
     found = carry(BODY, EGG.vertices, EGG, [eye])
     assert similar(found.vertices[0], eye.vertices) < 1e-6
@@ -179,7 +179,7 @@ def test_solid_parts_keep_their_form() -> None:
     assert similar(soft.vertices[0], eye.vertices) > 0.01
 
 
-def test_a_button_goes_with_its_shirt() -> None:
+def test_button_follows_its_shirt() -> None:
     shirt, button = shell(1.03), ball(0.02, centre=(0, 0, 1.055), count=60)
     both = Surface.joined([shirt, button])
     found = carry(BODY, noisy(0.05), EGG, [both]).vertices[0]
@@ -192,7 +192,7 @@ def test_a_button_goes_with_its_shirt() -> None:
     assert abs(gap - before) < 0.03
 
 
-def test_a_prop_is_rigid_and_stays_outside() -> None:
+def test_prop_stays_rigid_and_outside_the_skin() -> None:
     rod = ball(0.5, centre=(0, 0, 1.13), radii=(1, 0.2, 0.2), count=200)
     found = carry(BODY, noisy(0.05), EGG, [rod], manners=["rigid"]).vertices[0]
     assert similar(found, rod.vertices) < 1e-6
@@ -213,7 +213,7 @@ def test_strands_keep_their_roots_on_the_skin_and_turn_with_it() -> None:
     assert found.turns[0].shape == (200, 3, 3)
 
 
-def test_far_off_a_wide_patch_is_followed() -> None:
+def test_distant_cloth_follows_a_wide_patch_of_skin() -> None:
     """A wide skirt does not tear where the map beneath it tears."""
     torn = BODY.vertices + 0.1 * np.sign(np.sin(25 * BODY.vertices[:, :1])) * [0, 1, 0]
     skirt = shell(1.6)
@@ -228,7 +228,7 @@ def test_far_off_a_wide_patch_is_followed() -> None:
     assert off() < 0.9 * narrow
 
 
-def test_stiff_cloth_keeps_its_form() -> None:
+def test_stiff_cloth_keeps_its_shape() -> None:
     shirt = shell(1.2)
     worn = np.unique(shirt.triangles)
     errors = [
@@ -270,7 +270,7 @@ def test_touching_loose_parts_stay_together() -> None:
     assert drift() < 0.5 * loose
 
 
-def test_masked_patches_keep_their_form_and_the_scale_of_the_garment() -> None:
+def test_masked_patches_keep_their_shape_at_the_garment_scale() -> None:
     shirt = shell(1.03, 1500)
     masks = plate(shirt), plate(shirt, (0.73, 0, 0.73))
     soft, kept = (carry(BODY, noisy(0.05), EGG, [shirt], keep=keep) for keep in (None, [masks[0] + masks[1]]))
@@ -305,7 +305,7 @@ def test_a_masked_button_has_the_scale_of_its_shirt() -> None:
     np.testing.assert_allclose(scale, np.median(growth), rtol=0.03)  # which includes the button itself
 
 
-def test_a_half_masked_patch_is_half_as_stiff() -> None:
+def test_half_masked_patch_deforms_half_as_much() -> None:
     shirt = shell(1.03, 800)
     mask = plate(shirt)
     soft, half = (carry(BODY, noisy(0.05), EGG, [shirt], keep=[share * mask]).vertices[0] for share in (0, 0.5))
@@ -313,7 +313,7 @@ def test_a_half_masked_patch_is_half_as_stiff() -> None:
     assert 0.3 < bent[1] / bent[0] < 0.7
 
 
-def test_a_masked_patch_is_pushed_out_of_the_skin_as_a_whole() -> None:
+def test_masked_patch_leaves_the_skin_as_a_whole() -> None:
     shirt = shell(1.03, 800)
     mask = plate(shirt)
     bump = 1 + 0.1 * np.exp(-(np.linalg.norm(BODY.vertices - [0.2, 0, 1], axis=1, keepdims=True) ** 2) / 0.01)
@@ -337,14 +337,14 @@ def test_a_masked_patch_keeps_what_is_in_the_skin() -> None:
     assert np.linalg.norm(kept - shirt.vertices, axis=1)[chosen].max() < 0.001
 
 
-def test_points_that_nothing_connects_follow_the_body() -> None:
+def test_loose_points_follow_the_body() -> None:
     shirt = shell(1.06)
     loose = Surface(np.concatenate([shirt.vertices, [[0, 0, 1.1]]]), shirt.triangles)
     found = carry(BODY, EGG.vertices, EGG, [loose]).vertices[0][-1]
     assert abs(off_egg(found[None])[0] - 0.1) < 0.03
 
 
-def test_vertices_that_are_stretched_more_than_the_body_are_marked() -> None:
+def test_vertices_stretched_more_than_the_body_are_marked() -> None:
     shape = EGG.vertices.copy()
     patch = np.linalg.norm(BODY.vertices - [0, 0, 1], axis=1) < 0.25
     shape[patch] += TURN.apply([0.8, 0, 0]) * SIZE  # as if a match sent the patch to another place
@@ -356,7 +356,7 @@ def test_vertices_that_are_stretched_more_than_the_body_are_marked() -> None:
     assert not carry(BODY, EGG.vertices, EGG, [shirt], stiffness=0).stretched[0].any()
 
 
-def test_what_is_wrong_is_said() -> None:
+def test_invalid_arguments_are_refused() -> None:
     shirt = shell(1.06)
     with pytest.raises(ValueError, match="There is nothing to fit"):
         carry(BODY, EGG.vertices, EGG, [])
@@ -379,7 +379,7 @@ def test_what_is_wrong_is_said() -> None:
         Lines([], [])
 
 
-def test_only_places_that_may_have_come_too_close_are_tested_again(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_only_places_that_may_collide_are_tested_again(monkeypatch: pytest.MonkeyPatch) -> None:
     shirt, tested = shell(1.06), list[int]()
     sides = SidedSurface.sides
 

@@ -33,7 +33,7 @@ def on_row(surface: Surface, first: float = 0.0, last: float = 9.0, height: floa
     return np.asarray(inside.all(axis=1))
 
 
-def carried(
+def transfer_line(
     marked: np.ndarray,
     source: Surface,
     target: Surface,
@@ -46,42 +46,42 @@ def carried(
     return transfer_edges(Attribute("line", Domain.EDGE, kind, marked), mapped)
 
 
-def left_out(result: Attribute) -> float:
+def share_left_out(result: Attribute) -> float:
     """The share of the length that the notes report as left out."""
     return float(result.notes[0].split("line: ")[1].split("%")[0]) / 100 if result.notes else 0.0
 
 
 @pytest.mark.parametrize(("width", "bridged"), [(1, True), (3, True), (7, False), (12, False)])
-def test_a_line_is_drawn_across_a_short_gap_of_the_match_and_not_across_a_long_one(width: int, bridged: bool) -> None:
+def test_lines_bridge_short_gaps_of_the_match_but_not_long_ones(width: int, bridged: bool) -> None:
     mesh = band()
     gone = np.abs(mesh.vertices[:, 0] - 0.5) < (width / 2 + 0.01) / SIZE
-    result = carried(on_row(mesh), mesh, mesh, confidence=np.where(gone, 0.0, 1.0))
+    result = transfer_line(on_row(mesh), mesh, mesh, confidence=np.where(gone, 0.0, 1.0))
     assert shape_of(mesh, result.values)[0] == (1 if bridged else 2)
-    assert left_out(result) == pytest.approx(0 if bridged else width / SIZE, abs=1 / SIZE)
+    assert share_left_out(result) == pytest.approx(0 if bridged else width / SIZE, abs=1 / SIZE)
 
 
-def test_a_scrap_of_a_line_between_two_gaps_is_left_out() -> None:
+def test_short_pieces_between_gaps_are_left_out() -> None:
     mesh = band(60)
     x = mesh.vertices[:, 0]
     gone = (np.abs(x - 1.5) < 0.4) & (np.abs(x - 1.5) > 0.03)
-    result = carried(on_row(mesh), mesh, mesh, confidence=np.where(gone, 0.0, 1.0))
+    result = transfer_line(on_row(mesh), mesh, mesh, confidence=np.where(gone, 0.0, 1.0))
     assert shape_of(mesh, result.values)[0] == 2
     gone = (np.abs(x - 1.5) < 0.9) & (np.abs(x - 1.5) > 0.4)
-    result = carried(on_row(mesh), mesh, mesh, confidence=np.where(gone, 0.0, 1.0))
+    result = transfer_line(on_row(mesh), mesh, mesh, confidence=np.where(gone, 0.0, 1.0))
     assert shape_of(mesh, result.values)[0] == 3
 
 
 @pytest.mark.parametrize(("confidence", "drawn"), [(1.0, True), (0.1, True), (0.01, False), (0.0, False)])
-def test_lines_need_little_trust_but_some(confidence: float, drawn: bool) -> None:
+def test_lines_need_a_minimum_confidence(confidence: float, drawn: bool) -> None:
     mesh = band()
     for marked in (on_row(mesh), on_row(mesh).astype(float)):
-        result = carried(marked, mesh, mesh, confidence=confidence)
+        result = transfer_line(marked, mesh, mesh, confidence=confidence)
         np.testing.assert_array_equal(result.values != 0, (marked != 0) & drawn)
-        assert left_out(result) == (0 if drawn else 1)
+        assert share_left_out(result) == (0 if drawn else 1)
 
 
 @pytest.mark.parametrize(("confidence", "kept"), [(0.1, True), (0.01, False)])
-def test_marks_of_vertices_need_little_trust_but_some(confidence: float, kept: bool) -> None:
+def test_vertex_marks_need_a_minimum_confidence(confidence: float, kept: bool) -> None:
     mesh = band()
     marks = np.where(np.arange(len(mesh.vertices)) % 50 == 7, 0.5, 0)
     mapped = MappedTarget(mesh, mesh, nearest_map(mesh.vertices, mesh), np.full(len(mesh.vertices), confidence))
@@ -90,26 +90,26 @@ def test_marks_of_vertices_need_little_trust_but_some(confidence: float, kept: b
     assert len(result.notes) == (0 if kept else 1)
 
 
-def test_a_line_ends_where_the_target_does() -> None:
+def test_line_ends_at_the_border_of_the_target() -> None:
     source, target = plate(2 * SIZE, 16, height=0.4), band(12)
-    result = carried(on_row(source), source, target)
+    result = transfer_line(on_row(source), source, target)
     np.testing.assert_array_equal(result.values, on_row(target))
-    assert 0.4 - 3 / SIZE < left_out(result) < 0.4 - 1 / SIZE
+    assert 0.4 - 3 / SIZE < share_left_out(result) < 0.4 - 1 / SIZE
 
 
-def test_a_line_that_ends_next_to_a_border_is_not_drawn_on_to_it() -> None:
+def test_line_that_ends_near_a_border_is_not_extended_to_it() -> None:
     mesh = band()
     for first, last in ((0.05, 0.95), (0.0, 0.95), (0.05, 0.5)):
         marked = on_row(mesh, first, last)
-        np.testing.assert_array_equal(carried(marked, mesh, mesh).values, marked)
+        np.testing.assert_array_equal(transfer_line(marked, mesh, mesh).values, marked)
 
 
-def test_an_area_of_marks_in_the_last_corner_stays() -> None:
+def test_filled_area_at_the_last_faces_is_kept() -> None:
     # All edges up to the mesh's last face are marked.
     mesh = band()
     middle = mesh.vertices[mesh.edges].mean(axis=1)
     filled = (middle[:, 0] > 0.69) & (middle[:, 1] > 0.19)
-    np.testing.assert_array_equal(carried(filled, mesh, mesh).values, filled)
+    np.testing.assert_array_equal(transfer_line(filled, mesh, mesh).values, filled)
 
 
 def slit(depth: int) -> tuple[Surface, np.ndarray]:
@@ -127,32 +127,32 @@ def slit(depth: int) -> tuple[Surface, np.ndarray]:
 
 
 @pytest.mark.parametrize("depth", [3, 6])
-def test_a_line_goes_around_a_tear(depth: int) -> None:
+def test_line_goes_around_a_tear(depth: int) -> None:
     source = plate(SIZE, SIZE)
     target, places = slit(depth)
-    result = carried(on_row(source, height=0), source, target, nearest_map(places, source))
+    result = transfer_line(on_row(source, height=0), source, target, nearest_map(places, source))
     assert shape_of(target, result.values) == (1, 0, 2)
     assert result.values.sum() == SIZE + 2 * depth
     assert result.notes == ()
 
 
 @pytest.mark.parametrize(("length", "depth", "around"), [(2, 7, False), (10, 7, True), (2, 3, True)])
-def test_a_line_does_not_go_around_a_tear_that_is_long_for_it(length: int, depth: int, around: bool) -> None:
+def test_short_line_takes_no_long_detour_around_a_tear(length: int, depth: int, around: bool) -> None:
     source = plate(SIZE, SIZE)
     target, places = slit(depth)
     half = length / 2 / SIZE
     marked = on_row(source, 0.5 - half, 0.5 + half, height=0)
-    result = carried(marked, source, target, nearest_map(places, source))
+    result = transfer_line(marked, source, target, nearest_map(places, source))
     assert result.values.any() == around
-    assert left_out(result) == (0 if around else 1)
+    assert share_left_out(result) == (0 if around else 1)
 
 
-def test_a_tear_that_is_too_deep_to_go_around_is_told() -> None:
+def test_tear_too_deep_to_go_around_is_reported() -> None:
     source = plate(SIZE, SIZE)
     target, places = slit(15)
-    result = carried(on_row(source, height=0), source, target, nearest_map(places, source))
+    result = transfer_line(on_row(source, height=0), source, target, nearest_map(places, source))
     assert not result.values.any()
-    assert left_out(result) == 1
+    assert share_left_out(result) == 1
     assert "the map is discontinuous" in result.notes[0]
 
 
@@ -161,37 +161,37 @@ def diagonal(surface: Surface) -> np.ndarray:
     return np.abs(surface.vertices[:, 0] - surface.vertices[:, 1]) / np.sqrt(2)
 
 
-def test_of_ways_of_one_length_the_one_beside_the_line_is_taken() -> None:
+def test_path_closest_to_the_line_is_chosen_among_equal_lengths() -> None:
     squares = plate(SIZE, SIZE)
     source = Surface(squares.vertices, squares.triangles)
     if not (diagonal(source)[source.edges] < 1e-9).all(axis=1).any():
         source = Surface(squares.vertices, np.roll(squares.corner_vertex.reshape(-1, 4), 1, axis=1)[:, [0, 1, 2]])
     marked = (diagonal(source)[source.edges] < 1e-9).all(axis=1)
     assert marked.sum() == SIZE
-    result = carried(marked, source, squares)
+    result = transfer_line(marked, source, squares)
     assert shape_of(squares, result.values) == (1, 0, 2)
     assert result.values.sum() == 2 * SIZE
     assert diagonal(squares)[squares.edges[result.values]].max() < 0.8 / SIZE
 
 
-def test_lines_that_meet_still_meet_and_nothing_sticks_out_of_them() -> None:
+def test_junctions_are_kept_without_spurs() -> None:
     source, target = plate(SIZE, SIZE), plate(17, 13, jitter=0.2)
     across = np.abs(source.vertices[source.edges][:, :, 0] - 0.5).max(axis=1) < 1e-9
-    result = carried(on_row(source, height=0.5) | across, source, target)
+    result = transfer_line(on_row(source, height=0.5) | across, source, target)
     assert shape_of(target, result.values) == (1, 0, 4)
     half = across & (source.vertices[source.edges][:, :, 1].max(axis=1) < 0.5 + 1e-9)
-    result = carried(on_row(source, height=0.5) | half, source, target)
+    result = transfer_line(on_row(source, height=0.5) | half, source, target)
     assert shape_of(target, result.values) == (1, 0, 3)
 
 
 @pytest.mark.parametrize("cells", [2, 3, 10])
-def test_a_closed_line_stays_closed_however_small(cells: int) -> None:
+def test_closed_lines_of_any_size_stay_closed(cells: int) -> None:
     source, target = plate(SIZE, SIZE), plate(SIZE, SIZE, jitter=0.2)
     ends = source.vertices[source.edges][:, :, :2] * SIZE
     low, high = 5 - 1e-9, 5 + cells + 1e-9
     inside = ((ends > low) & (ends < high)).all(axis=(1, 2))
     rim = (np.abs(ends - 5) < 1e-9).all(axis=1).any(axis=1) | (np.abs(ends - 5 - cells) < 1e-9).all(axis=1).any(axis=1)
-    result = carried(inside & rim, source, target)
+    result = transfer_line(inside & rim, source, target)
     assert shape_of(target, result.values) == (1, 1, 0)
     assert result.values.sum() == 4 * cells
 
@@ -199,7 +199,7 @@ def test_a_closed_line_stays_closed_however_small(cells: int) -> None:
 # --- chains and their samples -------------------------------------------------------------------------------
 
 
-def test_edges_are_strung_from_junction_to_junction_each_in_order() -> None:
+def test_polylines_run_in_order_between_junctions() -> None:
     # A fork: 0-1-2, 2-3-4 and 2-5 meet at 2; the triangle 7-8-9 is separate.
     edges = np.array([[1, 0], [2, 1], [2, 3], [4, 3], [5, 2], [8, 7], [8, 9], [7, 9]])
     chains = polylines_of(edges)
@@ -215,7 +215,7 @@ def test_edges_are_strung_from_junction_to_junction_each_in_order() -> None:
     assert found == {(0, 1, 2), (2, 3, 4), (2, 5), frozenset({7, 8, 9})}
 
 
-def test_samples_hold_all_vertices_and_are_no_farther_apart_than_asked() -> None:
+def test_samples_include_all_vertices_and_keep_the_spacing() -> None:
     edges = np.array([[0, 1], [1, 2], [3, 4]])
     vertices = np.array([[0, 0, 0], [1, 0, 0], [1, 2.5, 0], [9, 0, 0], [9, 0, 0.2]])
     chains = polylines_of(edges)
@@ -239,7 +239,7 @@ def test_samples_hold_all_vertices_and_are_no_farther_apart_than_asked() -> None
 
 
 @pytest.mark.parametrize("spacing", [1.0, 0.4])
-def test_points_are_told_where_they_are_beside_their_own_line(spacing: float) -> None:
+def test_points_are_projected_onto_their_own_line(spacing: float) -> None:
     # Two crossing lines far from the origin; beside each, a point that is nearer to the other line.
     at = np.arange(0, 10, spacing)
     lines = np.stack([at - 5, 0 * at, 0 * at], axis=1), np.stack([0 * at, at - 5, 0 * at], axis=1)

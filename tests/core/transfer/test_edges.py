@@ -118,16 +118,16 @@ def figures(truth: np.ndarray, lines: np.ndarray, target: Surface, marked: np.nd
     return Figures(float(length), float(there.mean() / edge), float(max(there.max(), back.max()) / edge))
 
 
-def carried(values: np.ndarray, match: Match | SurfaceMap, source: Surface, target: Surface) -> Attribute:
+def transfer_line(values: np.ndarray, match: Match | SurfaceMap, source: Surface, target: Surface) -> Attribute:
     kind = {"b": Kind.BOOLEAN, "f": Kind.SCALAR}.get(values.dtype.kind, Kind.LABEL)
     return transfer(Attribute("line", Domain.EDGE, kind, values), match, source, target)
 
 
 @pytest.mark.parametrize(("source_count", "target_count"), [(4000, 4000), (8000, 1500), (2500, 12000)])
-def test_lines_stay_whole_and_where_they_belong_in_another_pose(source_count: int, target_count: int) -> None:
+def test_lines_stay_connected_and_in_place_in_another_pose(source_count: int, target_count: int) -> None:
     source, target = creature(source_count), creature(target_count, seed=5, bend=BEND)
     marked = seams(source)
-    result = carried(marked, map_of(source, target), source.surface, target.surface)
+    result = transfer_line(marked, map_of(source, target), source.surface, target.surface)
     assert result.notes == ()
     assert shape_of(target.surface, result.values) == shape_of(source.surface, marked)
     posed = creature(source_count, bend=BEND).surface.vertices
@@ -137,7 +137,7 @@ def test_lines_stay_whole_and_where_they_belong_in_another_pose(source_count: in
     assert found.hausdorff < 4  # edges at the tips of limbs are several times longer than elsewhere
 
 
-def test_edges_nearest_to_the_source_s_are_dashes_and_traced_lines_are_not() -> None:
+def test_traced_lines_are_connected_unlike_nearest_edges() -> None:
     source, target = creature(4000), creature(4000, seed=5, bend=BEND)
     marked = seams(source)
     surface_map = map_of(source, target)
@@ -148,17 +148,17 @@ def test_edges_nearest_to_the_source_s_are_dashes_and_traced_lines_are_not() -> 
     dashes = shape_of(target.surface, marked[edge])
     assert dashes[0] > 20 * parts
     assert dashes[2] > 20 * ends
-    traced = carried(marked, surface_map, source.surface, target.surface).values
+    traced = transfer_line(marked, surface_map, source.surface, target.surface).values
     assert shape_of(target.surface, traced) == (parts, loops, ends)
 
 
-def test_a_map_that_is_off_by_an_edge_moves_lines_but_does_not_break_them() -> None:
+def test_map_errors_of_an_edge_length_do_not_break_lines() -> None:
     source, target = creature(4000), creature(4000, seed=5, bend=BEND)
     shaken = target.directions + np.random.default_rng(0).normal(scale=0.012, size=target.directions.shape)
     triangles = source.surface.triangles
     surface_map = SurfaceMap(*closest_points(shaken, source.directions, triangles), triangles)
     marked = seams(source)
-    result = carried(marked, surface_map, source.surface, target.surface)
+    result = transfer_line(marked, surface_map, source.surface, target.surface)
     assert shape_of(target.surface, result.values) == shape_of(source.surface, marked)
     posed = creature(4000, bend=BEND).surface.vertices
     found = figures(posed, source.surface.edges[marked], target.surface, result.values)
@@ -169,11 +169,11 @@ def test_a_map_that_is_off_by_an_edge_moves_lines_but_does_not_break_them() -> N
 def test_the_identity_keeps_every_line() -> None:
     source = creature(4000)
     marked = seams(source)
-    same = carried(marked, identity(source.surface), source.surface, source.surface)
+    same = transfer_line(marked, identity(source.surface), source.surface, source.surface)
     assert (same.values == marked).all()
 
 
-def test_borders_of_split_meshes_count_once_and_are_marked_on_both_sides() -> None:
+def test_split_edges_count_once_and_are_marked_on_both_sides() -> None:
     source = creature(1500)
     marked = seams(source)
     torn, vertex = split_at_faces(source.surface)
@@ -181,20 +181,20 @@ def test_borders_of_split_meshes_count_once_and_are_marked_on_both_sides() -> No
     known = np.sort(source.surface.edges, axis=1) @ [count, 1]
     torn_marked = marked[np.searchsorted(known, np.sort(vertex[torn.edges], axis=1) @ [count, 1])]
     onto_torn = SurfaceMap.from_vertices(vertex, source.surface)
-    assert (carried(marked, onto_torn, source.surface, torn).values == torn_marked).all()
+    assert (transfer_line(marked, onto_torn, source.surface, torn).values == torn_marked).all()
     first = np.unique(vertex, return_index=True)[1]
     from_torn = SurfaceMap.from_vertices(first, torn)
-    assert (carried(torn_marked, from_torn, torn, source.surface).values == marked).all()
+    assert (transfer_line(torn_marked, from_torn, torn, source.surface).values == marked).all()
 
 
-def test_values_are_taken_along_the_line() -> None:
+def test_values_are_interpolated_along_the_line() -> None:
     source, target = sheet(torus, 120, 80), sheet(torus, 97, 61, jitter=0.2, sides=3, seed=1)
     surface_map = true_map(source, 120, 80, target.parameters)
     ends = source.parameters[source.surface.edges]
     middle = ends[:, 0] + ((ends[:, 1] - ends[:, 0] + 0.5) % 1 - 0.5) / 2
     ring_edges = (np.ptp(ends[:, :, 1], axis=1) == 0) & (ends[:, 0, 1] == 0.25)
     crease = np.where(ring_edges, 0.5 + 0.4 * np.cos(2 * np.pi * middle[:, 0]), 0).astype(np.float32)
-    result = carried(crease, surface_map, source.surface, target.surface)
+    result = transfer_line(crease, surface_map, source.surface, target.surface)
     assert result.values.dtype == np.float32
     on = result.values > 0
     assert shape_of(target.surface, on) == (1, 1, 0)
@@ -203,13 +203,13 @@ def test_values_are_taken_along_the_line() -> None:
     assert np.abs(result.values[on] - 0.5 - 0.4 * np.cos(2 * np.pi * places[:, 0])).max() < 0.08
 
     name = np.where(ring_edges, np.where(middle[:, 0] % 1 < 0.5, "inner", "outer"), "")
-    result = carried(name, surface_map, source.surface, target.surface)
+    result = transfer_line(name, surface_map, source.surface, target.surface)
     assert ((result.values != "") == on).all()
     clear = np.abs(places[:, 0] % 0.5 - 0.25) < 0.22
     assert (result.values[on][clear] == np.where(places[:, 0] % 1 < 0.5, "inner", "outer")[clear]).all()
 
 
-def test_lines_end_where_the_target_does_and_the_user_is_told() -> None:
+def test_lines_end_at_missing_parts_and_the_loss_is_reported() -> None:
     source, target = creature(4000), creature(4000, seed=5, without=1)
     marked = seams(source)
     surface_map = map_of(source, target)
@@ -217,7 +217,7 @@ def test_lines_end_where_the_target_does_and_the_user_is_told() -> None:
     gone = np.linalg.norm(without - source.surface.vertices, axis=1) > 0.3
     there = np.linalg.norm(creature(4000, seed=5).surface.vertices - target.surface.vertices, axis=1) > 0.3
     match = Match(surface_map, np.where(there, 0.0, 1.0))
-    result = carried(marked, match, source.surface, target.surface)
+    result = transfer_line(marked, match, source.surface, target.surface)
     (note,) = result.notes
     missing = edge_lengths(
         source.surface.vertices, source.surface.edges[marked & gone[source.surface.edges].all(axis=1)]
@@ -230,25 +230,25 @@ def test_lines_end_where_the_target_does_and_the_user_is_told() -> None:
     )
 
 
-def test_two_reaches_of_a_line_are_not_short_cut() -> None:
+def test_hairpin_lines_are_not_short_cut() -> None:
     # A hairpin, 3 target edges wide and 40 long.
     source, target = sheet(torus, 240, 160), sheet(torus, 120, 80, jitter=0.2, sides=3, seed=2)
     surface_map = true_map(source, 240, 160, target.parameters)
     number = np.arange(240 * 160).reshape(240, 160)
     way = [*number[40:121, 50], *number[120, 51:56], *number[40:121, 56][::-1]]
     marked = marks(source.surface, [way])
-    result = carried(marked, surface_map, source.surface, target.surface)
+    result = transfer_line(marked, surface_map, source.surface, target.surface)
     assert shape_of(target.surface, result.values) == (1, 0, 2)
     found = figures(source.surface.vertices, source.surface.edges[marked], target.surface, result.values)
     assert found.hausdorff < 1
     assert 0.97 < found.ratio < 1.2
 
 
-def test_every_edge_of_a_coarse_source_is_a_line_and_most_edges_of_a_fine_one_are_a_field() -> None:
+def test_marks_of_a_coarse_source_are_lines_and_of_a_fine_one_a_field() -> None:
     coarse, fine = sheet(torus, 24, 16), sheet(torus, 120, 80, sides=3)
     onto_coarse = true_map(coarse, 24, 16, fine.parameters)
     everywhere = np.ones(len(coarse.surface.edges), dtype=bool)
-    result = carried(everywhere, onto_coarse, coarse.surface, fine.surface)
+    result = transfer_line(everywhere, onto_coarse, coarse.surface, fine.surface)
     on_lines = np.isclose((fine.parameters * [24, 16]) % 1, 0, atol=1e-6) | np.isclose(
         (fine.parameters * [24, 16]) % 1, 1, atol=1e-6
     )
@@ -259,18 +259,18 @@ def test_every_edge_of_a_coarse_source_is_a_line_and_most_edges_of_a_fine_one_ar
     source = sheet(torus, 120, 80)
     onto_source = true_map(source, 120, 80, fine.parameters)
     everywhere = np.ones(len(source.surface.edges), dtype=bool)
-    assert carried(everywhere, onto_source, source.surface, fine.surface).values.all()
+    assert transfer_line(everywhere, onto_source, source.surface, fine.surface).values.all()
     height = source.surface.vertices[source.surface.edges].mean(axis=1)[:, 2]
-    mixed = carried(height, onto_source, source.surface, fine.surface).values
+    mixed = transfer_line(height, onto_source, source.surface, fine.surface).values
     assert np.abs(mixed - fine.surface.vertices[fine.surface.edges].mean(axis=1)[:, 2]).max() < 0.02
     number = 1 + (source.surface.vertices[source.surface.edges].mean(axis=1)[:, 0] > 0).astype(np.int32)
-    voted = carried(number, onto_source, source.surface, fine.surface).values
+    voted = transfer_line(number, onto_source, source.surface, fine.surface).values
     middle = fine.surface.vertices[fine.surface.edges].mean(axis=1)[:, 0]
     clear = np.abs(middle) > 0.1
     assert (voted[clear] == 1 + (middle[clear] > 0)).all()
 
 
-def test_nothing_marked_is_nothing_marked_and_loose_edges_stay_out() -> None:
+def test_empty_marks_stay_empty_and_loose_edges_are_left_out() -> None:
     mesh = sheet(torus, 60, 40).surface
     loose = Surface.from_corners(
         np.vstack([mesh.vertices, [[0, 0, 5]]]),
@@ -280,22 +280,22 @@ def test_nothing_marked_is_nothing_marked_and_loose_edges_stay_out() -> None:
     )
     surface_map = SurfaceMap.from_vertices(np.append(np.arange(2400), 0), loose)
     nothing = np.zeros(len(loose.edges), dtype=bool)
-    assert not carried(nothing, surface_map, loose, loose).values.any()
+    assert not transfer_line(nothing, surface_map, loose, loose).values.any()
     marked = nothing.copy()
     marked[:2] = True
-    result = carried(marked, surface_map, loose, loose)
+    result = transfer_line(marked, surface_map, loose, loose)
     assert np.flatnonzero(result.values).tolist() == [1]
     assert "1 edges of the source belong to no face" in result.notes[0]
 
 
-def test_a_target_that_numbers_no_edges_receives_none() -> None:
+def test_target_without_edges_receives_none() -> None:
     mesh = sheet(torus, 60, 40).surface
     bare = Surface.from_corners(mesh.vertices, mesh.corner_vertex, mesh.face_start, edges=np.zeros((0, 2), dtype=int))
     marked = np.arange(len(mesh.edges)) % 7 == 0
-    assert carried(marked, identity(mesh), mesh, bare).values.shape == (0,)
+    assert transfer_line(marked, identity(mesh), mesh, bare).values.shape == (0,)
 
 
-def test_marks_of_vertices_go_to_the_nearest_vertex_only() -> None:
+def test_vertex_marks_move_only_to_the_nearest_vertex() -> None:
     source, target = sheet(torus, 120, 80), sheet(torus, 97, 61, jitter=0.2, sides=3, seed=1)
     surface_map = true_map(source, 120, 80, target.parameters)
     crease = np.zeros(len(source.surface.vertices), dtype=np.float32)
@@ -313,7 +313,7 @@ def test_marks_of_vertices_go_to_the_nearest_vertex_only() -> None:
     assert there.max() < 1.5 * distance.max()
 
 
-def test_of_marks_that_meet_the_largest_stays_and_the_others_are_not_smeared() -> None:
+def test_largest_of_colliding_marks_is_kept() -> None:
     source, target = sheet(torus, 120, 80), sheet(torus, 30, 20)
     surface_map = true_map(source, 120, 80, target.parameters)
     crease = np.where(np.linalg.norm(source.surface.vertices - [3, 0, 0], axis=1) < 0.1, 0.3, 0)
@@ -323,14 +323,14 @@ def test_of_marks_that_meet_the_largest_stays_and_the_others_are_not_smeared() -
     assert values[values > 0].tolist() == [0.8]
 
 
-def test_edges_that_fill_an_area_fill_it_again() -> None:
+def test_areas_filled_by_edges_stay_filled() -> None:
     source, target = sheet(torus, 120, 80), sheet(torus, 131, 89, jitter=0.2, sides=3, seed=1)
     surface_map = true_map(source, 120, 80, target.parameters)
     ends = source.parameters[source.surface.edges]
     patch = ((ends > 0.2) & (ends < 0.5)).all(axis=(1, 2))
     line = (np.ptp(ends[:, :, 1], axis=1) == 0) & (ends[:, 0, 1] == 0.75)
     crease = np.where(patch, 0.5, np.where(line, 1.0, 0.0))
-    result = carried(crease, surface_map, source.surface, target.surface).values
+    result = transfer_line(crease, surface_map, source.surface, target.surface).values
     places = target.parameters[target.surface.edges]
     inside = ((places > 0.215) & (places < 0.485)).all(axis=(1, 2))
     outside = ((places < 0.195) | (places > 0.505)).any(axis=(1, 2))
@@ -339,20 +339,20 @@ def test_edges_that_fill_an_area_fill_it_again() -> None:
     assert shape_of(target.surface, result == 1) == (1, 1, 0)
 
 
-def test_a_triangle_that_is_outlined_is_a_line() -> None:
+def test_outline_of_a_triangle_is_a_line() -> None:
     mesh = creature(2000).surface
     outline = np.sort(mesh.triangles[7][[[0, 1], [1, 2], [2, 0]]], axis=1) @ [2000, 1]
     marked = np.isin(np.sort(mesh.edges, axis=1) @ [2000, 1], outline)
-    assert (carried(marked, identity(mesh), mesh, mesh).values == marked).all()
+    assert (transfer_line(marked, identity(mesh), mesh, mesh).values == marked).all()
 
 
-def test_no_mark_is_no_mark() -> None:
+def test_empty_vertex_marks_stay_empty() -> None:
     mesh = creature(1000).surface
     attribute = Attribute("crease_vert", Domain.POINT, Kind.MARK, np.zeros(1000))
     assert not transfer(attribute, identity(mesh), mesh, mesh).values.any()
 
 
-def test_lines_that_end_at_a_border_end_at_the_target_s() -> None:
+def test_lines_that_end_at_a_border_end_at_the_target_border() -> None:
     source, target = sheet(tube, 120, 40), sheet(tube, 97, 31, jitter=0.2, sides=3, seed=1)
     # The map also sends the second-last vertices to the border.
     stretched = np.clip((target.parameters - [0, 0.5]) * [1, 1.08] + [0, 0.5], 0, 1)
@@ -360,13 +360,13 @@ def test_lines_that_end_at_a_border_end_at_the_target_s() -> None:
     ends = source.parameters[source.surface.edges]
     columns = np.round(ends[:, :, 0] * 120)
     marked = (columns[:, 0] == columns[:, 1]) & (columns[:, 0] % 10 == 0)
-    result = carried(marked, surface_map, source.surface, target.surface)
+    result = transfer_line(marked, surface_map, source.surface, target.surface)
     assert shape_of(target.surface, result.values) == (12, 0, 24)
     vertices, count = np.unique(target.surface.edges[result.values], return_counts=True)
     assert np.isin(target.parameters[vertices[count == 1], 1], [0, 1]).all()
     assert np.isin(target.parameters[vertices[count == 2], 1], [0, 1]).sum() == 0
 
     rims = (ends[:, :, 1] % 1 == 0).all(axis=1)
-    result = carried(rims, true_map(source, 120, 40, target.parameters), source.surface, target.surface)
+    result = transfer_line(rims, true_map(source, 120, 40, target.parameters), source.surface, target.surface)
     at_rim = np.isin(target.parameters[target.surface.edges][:, :, 1], [0, 1]).all(axis=1)
     assert (result.values == at_rim).all()

@@ -43,54 +43,54 @@ def waves(parameters: np.ndarray) -> np.ndarray:
     return np.stack([0.5 + 0.4 * np.sin(a), 0.5 + 0.3 * np.cos(a) * np.sin(b)], axis=1)
 
 
-def spoilt(values: np.ndarray, holes: np.ndarray) -> np.ndarray:
+def spoil(values: np.ndarray, holes: np.ndarray) -> np.ndarray:
     values = values.copy()
     values[holes] = 77.0
     return values
 
 
-def test_a_smooth_function_is_continued_into_a_hole(mesh: Sheet) -> None:
+def test_smooth_functions_are_continued_into_holes(mesh: Sheet) -> None:
     holes, truth = hole(mesh), waves(mesh.parameters)
-    filled = filling(mesh.surface, ~holes).fill(spoilt(truth, holes))
+    filled = filling(mesh.surface, ~holes).fill(spoil(truth, holes))
     np.testing.assert_array_equal(filled[~holes], truth[~holes])
     rim = truth[~holes & hole(mesh, 0.15)]
     flat = np.abs(truth[holes] - rim.mean(axis=0)).mean()
     assert np.abs(filled[holes] - truth[holes]).mean() < 0.1 * flat
 
 
-def test_more_than_can_be_filled_in_smoothly_is_still_filled_in(mesh: Sheet, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_holes_too_large_for_biharmonic_filling_are_filled(mesh: Sheet, monkeypatch: pytest.MonkeyPatch) -> None:
     holes, truth = hole(mesh, 0.06), waves(mesh.parameters)
-    smooth = filling(mesh.surface, ~holes).fill(spoilt(truth, holes))
+    smooth = filling(mesh.surface, ~holes).fill(spoil(truth, holes))
     monkeypatch.setattr(inpaint, "MAX_BIHARMONIC", 10)
-    plain = filling(mesh.surface, ~holes).fill(spoilt(truth, holes))
+    plain = filling(mesh.surface, ~holes).fill(spoil(truth, holes))
     error = [np.abs(filled[holes] - truth[holes]).max() for filled in (smooth, plain)]
     assert error[0] < error[1] < 0.1
 
 
-def test_only_what_is_near_a_hole_counts(mesh: Sheet, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_values_far_from_a_hole_do_not_matter(mesh: Sheet, monkeypatch: pytest.MonkeyPatch) -> None:
     holes, truth = hole(mesh), waves(mesh.parameters)
-    near = filling(mesh.surface, ~holes).fill(spoilt(truth, holes))
+    near = filling(mesh.surface, ~holes).fill(spoil(truth, holes))
     monkeypatch.setattr(inpaint, "ASSEMBLED_RINGS", 1000)
-    np.testing.assert_allclose(near, filling(mesh.surface, ~holes).fill(spoilt(truth, holes)), atol=1e-9)
+    np.testing.assert_allclose(near, filling(mesh.surface, ~holes).fill(spoil(truth, holes)), atol=1e-9)
 
 
-def test_constants_stay_constant_and_nothing_leaves_the_range_of_the_trusted(mesh: Sheet) -> None:
+def test_filling_keeps_constants_and_the_range_of_trusted_values(mesh: Sheet) -> None:
     holes = hole(mesh)
     steps = np.stack([np.ones(len(holes)), mesh.parameters[:, 0] > 0.5, mesh.parameters[:, 1] > 0.5], axis=1)
-    filled = filling(mesh.surface, ~holes).fill(spoilt(steps.astype(float), holes))
+    filled = filling(mesh.surface, ~holes).fill(spoil(steps.astype(float), holes))
     assert np.abs(filled[:, 0] - 1).max() < 1e-9
     assert filled.min() >= 0
     assert filled.max() <= 1
 
 
-def test_units_placement_and_numbering_do_not_matter(mesh: Sheet) -> None:
+def test_filling_does_not_depend_on_units_placement_or_order(mesh: Sheet) -> None:
     holes, values = hole(mesh), waves(mesh.parameters)
-    once = filling(mesh.surface, ~holes).fill(spoilt(values, holes))
+    once = filling(mesh.surface, ~holes).fill(spoil(values, holes))
     order = np.random.default_rng(0).permutation(len(values))
     number = np.argsort(order)
     moved = 1000 * Rotation.from_rotvec([1, 2, 3]).apply(mesh.surface.vertices) + 5
     other = Surface(moved[order], number[mesh.surface.triangles])
-    again = filling(other, ~holes[order]).fill(spoilt(values, holes)[order])
+    again = filling(other, ~holes[order]).fill(spoil(values, holes)[order])
     np.testing.assert_allclose(again, once[order], atol=1e-6)
 
 
@@ -100,21 +100,21 @@ def test_weights_are_filled_in_like_numbers_and_stay_sparse(mesh: Sheet) -> None
     far = np.zeros((len(holes), 40))
     far[mesh.parameters[:, 0] < 0.1] = 1
     whole = filling(mesh.surface, ~holes)
-    filled = whole.fill_weights(csr_array(np.concatenate([spoilt(values, holes), far], axis=1)))
-    np.testing.assert_allclose(filled[:, :4].toarray(), whole.fill(spoilt(values, holes)), atol=1e-4)
+    filled = whole.fill_weights(csr_array(np.concatenate([spoil(values, holes), far], axis=1)))
+    np.testing.assert_allclose(filled[:, :4].toarray(), whole.fill(spoil(values, holes)), atol=1e-4)
     # Groups absent around the hole stay absent in it.
     assert filled[holes][:, 4:].nnz == 0
 
 
-def test_borders_that_coincide_are_filled_in_as_one(mesh: Sheet) -> None:
+def test_coincident_borders_are_filled_in_as_one(mesh: Sheet) -> None:
     holes, values = hole(mesh), waves(mesh.parameters)
     apart, vertex = split_at_faces(mesh.surface)
-    once = filling(mesh.surface, ~holes).fill(spoilt(values, holes))
-    again = filling(apart, ~holes[vertex]).fill(spoilt(values, holes)[vertex])
+    once = filling(mesh.surface, ~holes).fill(spoil(values, holes))
+    again = filling(apart, ~holes[vertex]).fill(spoil(values, holes)[vertex])
     np.testing.assert_allclose(again, once[vertex], atol=1e-6)
 
 
-def astray(mesh: Sheet, holes: np.ndarray) -> np.ndarray:
+def send_astray(mesh: Sheet, holes: np.ndarray) -> np.ndarray:
     """(n,) each vertex itself, but one distant vertex for those of the holes."""
     elsewhere = np.argmin(np.linalg.norm(mesh.parameters - 0.25, axis=1))
     return np.where(holes, elsewhere, np.arange(len(holes)))
@@ -133,7 +133,7 @@ def _faces(surface: Surface) -> list[np.ndarray]:
 
 
 @pytest.mark.parametrize("polygons", [False, True])
-def test_small_parts_without_trust_move_as_what_is_nearest_and_large_ones_are_left(polygons: bool) -> None:
+def test_untrusted_parts_follow_the_nearest_part_only_if_small(polygons: bool) -> None:
     for size, small in ((0.05, True), (0.9, False)):
         surface, second = two_sheets(size, polygons)
         doubtful = second | (np.arange(len(second)) == 3)
@@ -154,7 +154,7 @@ def test_small_parts_without_trust_move_as_what_is_nearest_and_large_ones_are_le
         assert f"{second.sum():,} vertices without a usable match were left as mapped" in whole.notes()[1]
 
 
-def test_where_nothing_is_trusted_all_is_left_as_mapped(mesh: Sheet) -> None:
+def test_values_are_left_as_mapped_if_nothing_is_trusted(mesh: Sheet) -> None:
     values = waves(mesh.parameters)
     none = filling(mesh.surface, np.zeros(len(values), dtype=bool))
     np.testing.assert_array_equal(none.fill(values), values)
@@ -176,7 +176,7 @@ def test_bad_meshes_are_filled_in(mesh: Sheet) -> None:
     holes = np.concatenate([hole(mesh), np.ones(4, dtype=bool)])
     truth = np.concatenate([waves(mesh.parameters), np.tile(waves(mesh.parameters[[a]]), (4, 1))])
     whole = filling(surface, ~holes)
-    filled = whole.fill(spoilt(truth, holes))
+    filled = whole.fill(spoil(truth, holes))
     assert np.abs(filled[:-2] - truth[:-2]).max() < 0.1
     assert (filled[-2:] == 77).all()
     assert whole.left == 2
@@ -186,7 +186,7 @@ def test_bad_meshes_are_filled_in(mesh: Sheet) -> None:
 @pytest.mark.parametrize("domain", [Domain.POINT, Domain.CORNER])
 def test_numbers_and_colours_of_low_confidence_are_filled_in(mesh: Sheet, kind: Kind, domain: Domain) -> None:
     surface, holes = mesh.surface, hole(mesh)
-    result = Known(SurfaceMap.from_vertices(astray(mesh, holes), surface), np.where(holes, 0.1, 0.9))
+    result = Known(SurfaceMap.from_vertices(send_astray(mesh, holes), surface), np.where(holes, 0.1, 0.9))
     smooth = np.concatenate([waves(mesh.parameters)] * 2, axis=1)
     values = smooth[:, 0] if kind is Kind.SCALAR else smooth
     at = np.arange(len(holes)) if domain is Domain.POINT else surface.corner_vertex
@@ -205,7 +205,7 @@ def test_numbers_and_colours_of_low_confidence_are_filled_in(mesh: Sheet, kind: 
     assert untouched.notes == ()
 
 
-def test_labels_stay_as_they_are_mapped(mesh: Sheet) -> None:
+def test_labels_are_not_filled_in(mesh: Sheet) -> None:
     result = Known(identity(mesh.surface), np.where(hole(mesh), 0.1, 0.9))
     attribute = Attribute("zone", Domain.POINT, Kind.LABEL, np.arange(len(mesh.parameters)))
     filled = transfer(attribute, result, mesh.surface, mesh.surface, fill_below=0.5)
@@ -217,7 +217,7 @@ def test_filled_weights_still_sum_to_one_within_the_limit(mesh: Sheet) -> None:
     holes = hole(mesh, 0.2)
     values = np.repeat(waves(mesh.parameters), 3, axis=1) * np.arange(1, 7)
     weights = csr_array(values / values.sum(axis=1, keepdims=True))
-    result = Known(SurfaceMap.from_vertices(astray(mesh, holes), mesh.surface), np.where(holes, 0, 1.0))
+    result = Known(SurfaceMap.from_vertices(send_astray(mesh, holes), mesh.surface), np.where(holes, 0, 1.0))
     attribute = Attribute("skin", Domain.POINT, Kind.WEIGHT, weights)
     mapped, filled = (
         transfer(attribute, result, mesh.surface, mesh.surface, fill_below=below) for below in (None, 0.5)
@@ -247,7 +247,7 @@ def test_memory_stays_sparse_with_many_groups() -> None:
 
 
 @pytest.mark.parametrize("wrong", [-0.1, 1.5, float("nan")])
-def test_thresholds_that_are_no_confidence_are_refused(mesh: Sheet, wrong: float) -> None:
+def test_thresholds_outside_zero_to_one_are_refused(mesh: Sheet, wrong: float) -> None:
     attribute = Attribute("height", Domain.POINT, Kind.SCALAR, mesh.parameters[:, 0])
     with pytest.raises(ValueError, match=r"fill_below is .*from 0 to 1"):
         transfer(attribute, identity(mesh.surface), mesh.surface, mesh.surface, fill_below=wrong)

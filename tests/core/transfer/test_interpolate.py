@@ -40,7 +40,7 @@ def counts(mesh: Sheet) -> dict[Domain, int]:
 
 @pytest.mark.parametrize("kind", NUMBERS)
 @pytest.mark.parametrize("domain", [Domain.POINT, Domain.CORNER])
-def test_what_is_linear_in_space_arrives_as_the_same_formula(
+def test_linear_functions_of_position_transfer_exactly(
     source: Sheet, target: Sheet, kind: Kind, domain: Domain
 ) -> None:
     surface_map = true_map(source, *GRID, target.parameters)
@@ -55,7 +55,7 @@ def test_what_is_linear_in_space_arrives_as_the_same_formula(
     assert (result.name, result.domain, result.kind) == ("x", domain, kind)
 
 
-def test_continuous_corner_values_are_continuous_at_every_vertex_beside_a_jump(source: Sheet, target: Sheet) -> None:
+def test_corner_values_stay_continuous_except_at_jumps(source: Sheet, target: Sheet) -> None:
     # Values jump along half a ring, and are continuous around its ends and everywhere else.
     a, b = source.corners.T
     jump = (source.middles[source.surface.corner_face, 0] > 0.5) & (b > 0.2) & (b < 0.6) & (a < 0.75)
@@ -76,7 +76,7 @@ def test_continuous_corner_values_are_continuous_at_every_vertex_beside_a_jump(s
 
 @pytest.mark.slow(but=1)
 @pytest.mark.parametrize("domain", [Domain.CORNER, Domain.FACE])
-def test_colours_of_faces_land_on_the_right_side_of_their_edges(source: Sheet, aligned: Sheet, domain: Domain) -> None:
+def test_face_colours_stay_on_their_side_of_edges(source: Sheet, aligned: Sheet, domain: Domain) -> None:
     colours = np.random.default_rng(0).random((counts(source)[Domain.FACE], 3))
     column, row = np.floor(aligned.middles * GRID).astype(int).T
     truth = colours[column % GRID[0] * GRID[1] + row % GRID[1]]
@@ -115,7 +115,7 @@ def test_the_identity_returns_the_values(sides: int, domain: Domain) -> None:
         np.testing.assert_allclose(result.values, values, rtol=0, atol=1e-12)
 
 
-def test_the_order_of_the_targets_vertices_only_reorders_the_result(source: Sheet, target: Sheet) -> None:
+def test_target_vertex_order_only_reorders_the_result(source: Sheet, target: Sheet) -> None:
     other, old = permute(target)
     for domain, count in counts(source).items():
         attribute = Attribute("x", domain, Kind.SCALAR, np.random.default_rng(0).random(count))

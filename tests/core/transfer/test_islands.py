@@ -34,12 +34,12 @@ def rough_map(source: Sheet, target: Sheet, amount: float) -> SurfaceMap:
     return SurfaceMap(*closest_points(points, source.surface.vertices, triangles), triangles)
 
 
-def labelled(values: np.ndarray, surface_map: SurfaceMap, source: Sheet, target: Sheet) -> np.ndarray:
+def transfer_labels(values: np.ndarray, surface_map: SurfaceMap, source: Sheet, target: Sheet) -> np.ndarray:
     attribute = Attribute("x", Domain.FACE, Kind.LABEL, values)
     return transfer(attribute, surface_map, source.surface, target.surface).values
 
 
-def test_faces_are_of_one_island_where_they_share_a_vertex_and_a_label() -> None:
+def test_islands_join_faces_that_share_a_vertex_and_a_label() -> None:
     mesh = sheet(torus, 8, 6).surface
     label = np.zeros(48, dtype=int)
     label[[0, 7, 20]] = 1  # the first two faces touch at a corner
@@ -54,7 +54,7 @@ def test_islands_of_single_faces_survive(source: Sheet, target: Sheet) -> None:
     values = stripe.copy()
     values[alone] = 10 + np.arange(20)
     for surface_map in (true_map(source, *GRID, target.parameters), rough_map(source, target, 0.02)):
-        result = labelled(values, surface_map, source, target)
+        result = transfer_labels(values, surface_map, source, target)
         assert set(result) == set(values)
         middles = target.surface.vertices[target.surface.corner_vertex].reshape(-1, 4, 3).mean(axis=1)
         for face, name in zip(alone, values[alone], strict=True):
@@ -62,15 +62,15 @@ def test_islands_of_single_faces_survive(source: Sheet, target: Sheet) -> None:
             assert np.linalg.norm(middles[result == name] - place, axis=1).max() < 0.2
 
 
-def test_islands_far_below_a_face_s_size_do_not_grow_to_one(source: Sheet) -> None:
+def test_islands_far_smaller_than_a_face_vanish(source: Sheet) -> None:
     coarse = sheet(torus, 30, 20)
     values = np.zeros(len(source.surface.face_start) - 1, dtype=int)
     values[5::997] = 1
-    assert not labelled(values, true_map(source, *GRID, coarse.parameters), source, coarse).any()
+    assert not transfer_labels(values, true_map(source, *GRID, coarse.parameters), source, coarse).any()
 
 
 @pytest.mark.parametrize(("own", "given"), [(1, False), (2, True)])
-def test_a_lost_island_takes_the_face_that_is_most_its_own_but_no_island_s_only_one(own: int, given: bool) -> None:
+def test_lost_island_takes_its_best_face_but_no_island_s_last(own: int, given: bool) -> None:
     mesh = plate(3, 1)
     # Island 1 wins the first `own` faces, island 0 the others; island 2 has minor shares of the first two faces.
     candidates = Candidates(np.array([0, 0, 1, 1, 2]), np.array([0.6, 0.4, 0.7, 0.3, 1.0]))
@@ -81,12 +81,12 @@ def test_a_lost_island_takes_the_face_that_is_most_its_own_but_no_island_s_only_
 
 
 @pytest.mark.parametrize("face", range(4))
-def test_a_speck_goes_wherever_it_is(face: int) -> None:
+def test_specks_are_removed_anywhere(face: int) -> None:
     label = np.where(np.arange(4) == face, 1, 0)
     assert not without_specks(label, np.zeros(4, dtype=int), plate(4, 1)).any()
 
 
-def test_loose_ends_of_a_mesh_are_islands_too() -> None:
+def test_faces_joined_at_one_vertex_form_islands() -> None:
     # Two faces share only the first vertex.
     vertices = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [-1, 0, 0], [-1, -1, 0]], dtype=float)
     fins = Surface(vertices, [[0, 1, 2], [0, 3, 4]])
@@ -94,7 +94,7 @@ def test_loose_ends_of_a_mesh_are_islands_too() -> None:
     assert islands_of(fins, np.array([5, 6])).tolist() == [0, 1]
 
 
-def test_single_faces_beyond_a_border_take_the_label_around_them_but_islands_of_their_own_stay() -> None:
+def test_specks_take_the_surrounding_label_but_islands_stay() -> None:
     mesh = sheet(torus, 30, 20)
     stripe = np.floor(mesh.middles[:, 0] * 3).astype(int) % 3
     island = stripe.copy()
@@ -107,7 +107,7 @@ def test_single_faces_beyond_a_border_take_the_label_around_them_but_islands_of_
     assert (without_specks(label, island, mesh.surface) == label).all()
 
 
-def test_a_rough_map_leaves_no_single_faces_beyond_borders(source: Sheet, target: Sheet) -> None:
+def test_rough_maps_leave_no_specks(source: Sheet, target: Sheet) -> None:
     stripe = np.floor(source.middles[:, 0] * 4).astype(int) % 4
-    result = labelled(stripe, rough_map(source, target, 0.12), source, target)
+    result = transfer_labels(stripe, rough_map(source, target, 0.12), source, target)
     assert (np.bincount(islands_of(target.surface, result)) > 1).all()

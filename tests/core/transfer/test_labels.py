@@ -27,7 +27,9 @@ def target() -> Sheet:
     return sheet(torus, 49, 31, jitter=0.2, twist=0.05, sides=3, seed=1)
 
 
-def labelled(source: Sheet, target: Sheet, domain: Domain, values: np.ndarray, kind: Kind = Kind.LABEL) -> np.ndarray:
+def transfer_labels(
+    source: Sheet, target: Sheet, domain: Domain, values: np.ndarray, kind: Kind = Kind.LABEL
+) -> np.ndarray:
     surface_map = true_map(source, *GRID, target.parameters)
     return transfer(Attribute("x", domain, kind, values), surface_map, source.surface, target.surface).values
 
@@ -43,7 +45,7 @@ LABELS = {
 
 @pytest.mark.parametrize("labels", LABELS)
 @pytest.mark.parametrize("domain", [Domain.POINT, Domain.CORNER, Domain.FACE])
-def test_labels_keep_their_type_and_their_set_and_the_identity_keeps_each(
+def test_labels_keep_type_and_set_and_the_identity_keeps_each(
     source: Sheet, target: Sheet, labels: str, domain: Domain
 ) -> None:
     surface = source.surface
@@ -51,7 +53,7 @@ def test_labels_keep_their_type_and_their_set_and_the_identity_keeps_each(
         domain, len(surface.face_start) - 1
     )
     values = LABELS[labels][np.random.default_rng(0).integers(0, 3, count)]
-    result = labelled(source, target, domain, values)
+    result = transfer_labels(source, target, domain, values)
     assert result.dtype == values.dtype
     assert {str(value) for value in result} == {str(value) for value in LABELS[labels]}
     same = transfer(Attribute("x", domain, Kind.LABEL, values), identity(surface), surface, surface).values
@@ -61,7 +63,7 @@ def test_labels_keep_their_type_and_their_set_and_the_identity_keeps_each(
 def test_a_vertex_takes_the_label_with_the_largest_weight(source: Sheet, target: Sheet) -> None:
     values = np.random.default_rng(0).integers(0, 3, len(source.surface.vertices))
     surface_map = true_map(source, *GRID, target.parameters)
-    result = labelled(source, target, Domain.POINT, values)
+    result = transfer_labels(source, target, Domain.POINT, values)
     corners = values[source.surface.triangles[surface_map.triangle]]
     for label, near, weights in zip(result, corners, surface_map.barycentric, strict=True):
         votes: Counter[int] = Counter()
@@ -70,27 +72,27 @@ def test_a_vertex_takes_the_label_with_the_largest_weight(source: Sheet, target:
         assert votes[label] >= max(votes.values()) - 1e-12
 
 
-def test_booleans_turn_at_one_half(source: Sheet, target: Sheet) -> None:
+def test_booleans_switch_at_one_half(source: Sheet, target: Sheet) -> None:
     values = np.random.default_rng(0).random(len(source.surface.vertices)) < 0.5
     surface_map = true_map(source, *GRID, target.parameters)
-    result = labelled(source, target, Domain.POINT, values, Kind.BOOLEAN)
+    result = transfer_labels(source, target, Domain.POINT, values, Kind.BOOLEAN)
     part = surface_map.interpolate(values.astype(float))
     clear = np.abs(part - 0.5) > 1e-9
     assert result.dtype == bool
     assert (result[clear] == (part > 0.5)[clear]).all()
 
 
-def test_labels_of_faces_and_corners_land_on_the_right_side(source: Sheet) -> None:
+def test_face_and_corner_labels_stay_on_their_side(source: Sheet) -> None:
     aligned = sheet(torus, 3 * GRID[0], 3 * GRID[1], sides=3)
     values = np.random.default_rng(0).integers(0, 50, len(source.surface.face_start) - 1)
     column, row = np.floor(aligned.middles * GRID).astype(int).T
     truth = values[column % GRID[0] * GRID[1] + row % GRID[1]]
-    assert (labelled(source, aligned, Domain.FACE, values) == truth).all()
-    corner = labelled(source, aligned, Domain.CORNER, values[source.surface.corner_face])
+    assert (transfer_labels(source, aligned, Domain.FACE, values) == truth).all()
+    corner = transfer_labels(source, aligned, Domain.CORNER, values[source.surface.corner_face])
     assert (corner == truth[aligned.surface.corner_face]).all()
 
 
-def test_a_face_takes_the_label_of_most_of_its_area_and_borders_are_short(
+def test_faces_take_their_majority_label_with_short_borders(
     source: Sheet, target: Sheet, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     stripe = np.floor(source.middles[:, 0] * 4).astype(int)
@@ -100,7 +102,7 @@ def test_a_face_takes_the_label_of_most_of_its_area_and_borders_are_short(
     middle = np.floor(target.middles[:, 0] * 4).astype(int) % 4
 
     def border_length() -> float:
-        result = labelled(source, target, Domain.FACE, stripe)
+        result = transfer_labels(source, target, Domain.FACE, stripe)
         assert (result[whole] == middle[whole]).all()
         border = result[face[first[:, 0]]] != result[face[second[:, 0]]]
         return float(edge_lengths(target.surface.vertices[target.surface.corner_vertex], first)[border].sum())
@@ -130,7 +132,7 @@ def test_neighbours_overrule_a_narrow_vote_but_not_a_clear_one() -> None:
         assert (label[chosen][~odd] == 0).all()
 
 
-def test_elections_end_no_worse_than_they_began() -> None:
+def test_elections_never_increase_the_cost() -> None:
     random = np.random.default_rng(0)
     side = 60
     number = np.arange(side * side).reshape(side, side)

@@ -42,7 +42,7 @@ def point(kind: Kind, values: object) -> Attribute:
     return Attribute("x", Domain.POINT, kind, values)
 
 
-def trusted(confidence: np.ndarray, surface: Surface = MESH) -> SimpleNamespace:
+def match_with_confidence(confidence: np.ndarray, surface: Surface = MESH) -> SimpleNamespace:
     return SimpleNamespace(has_partner=None, surface_map=identity(surface), confidence=confidence)
 
 
@@ -64,7 +64,7 @@ def mapped_onto(source: Surface, target: Surface, confidence: np.ndarray | float
 # --- positions of faces and corners-------------------------------------------------------------------------
 
 
-def test_points_of_faces_lie_between_their_corners() -> None:
+def test_points_inside_faces_map_between_their_corners() -> None:
     random, mapped = np.random.default_rng(0), mapped_onto(MESH, MESH)
     triangle, barycentric = random.integers(0, len(MESH.triangles), 200), random.dirichlet((1, 1, 1), 200)
     places = np.einsum("qc,qcx->qx", barycentric, MESH.vertices[MESH.triangles[triangle]])
@@ -72,7 +72,7 @@ def test_points_of_faces_lie_between_their_corners() -> None:
     np.testing.assert_allclose(found, places, atol=1e-9)
 
 
-def test_samples_stand_for_equal_areas_of_the_faces_asked_for_and_weigh_by_confidence() -> None:
+def test_samples_share_face_areas_and_are_weighted_by_confidence() -> None:
     confidence = np.where(X > 0.5, 0.8, 0.0)
     mapped, faces = mapped_onto(MESH, MESH, confidence), np.array([3, 17, 200, 399])
     samples = mapped.samples(faces)
@@ -91,7 +91,7 @@ def test_samples_stand_for_equal_areas_of_the_faces_asked_for_and_weigh_by_confi
     np.testing.assert_allclose(weighted, centres, atol=1e-6)
 
 
-def test_corners_are_moved_a_little_into_their_own_face() -> None:
+def test_corners_are_nudged_into_their_own_face() -> None:
     mapped = mapped_onto(MESH, MESH)
     corners = np.arange(0, len(MESH.corner_vertex), 7)
     triangle, barycentric = mapped.nudge(corners)
@@ -101,7 +101,7 @@ def test_corners_are_moved_a_little_into_their_own_face() -> None:
     assert 0.05 < off.min() < off.max() < 0.25  # in widths of a face
 
 
-def test_balls_hold_the_corners_of_faces_and_touch_the_farthest() -> None:
+def test_bounding_balls_of_faces_touch_the_farthest_corner() -> None:
     mapped = mapped_onto(MESH, MESH)
     middle, radius = mapped.balls
     corners = MESH.vertices[MESH.corner_vertex].reshape(-1, 4, 3)
@@ -111,7 +111,7 @@ def test_balls_hold_the_corners_of_faces_and_touch_the_farthest() -> None:
     np.testing.assert_allclose(mapped.circumference, around)
 
 
-def test_faces_near_a_cut_are_those_that_might_lie_across_it() -> None:
+def test_faces_that_may_cross_a_cut_are_found() -> None:
     middle = MESH.vertices[MESH.corner_vertex].reshape(-1, 4, 3).mean(axis=1)[:, 0]
     cut = cut_surface(MESH, np.where(middle > 0.5, 1.0, 0.0)[MESH.corner_face][:, None])
     near = mapped_onto(MESH, MESH).near_border(cut)
@@ -133,7 +133,7 @@ def test_faces_near_a_cut_are_those_that_might_lie_across_it() -> None:
         assert not near[inner & (np.abs(middle - 0.5) > 0.15)].any()
 
 
-def test_labels_at_vertices_are_those_of_the_largest_part_not_of_the_largest_corner() -> None:
+def test_vertex_labels_are_chosen_by_total_weight() -> None:
     label = np.arange(len(X))
     triangle = np.arange(len(MESH.triangles))
     one, two, three = MESH.triangles.T
@@ -158,7 +158,7 @@ def test_numbers_keep_their_columns_on_all_domains() -> None:
             np.testing.assert_array_equal(found, pairs)
 
 
-def test_of_labels_whose_border_is_as_long_either_way_faces_keep_their_own() -> None:
+def test_faces_keep_their_label_if_borders_are_equally_long() -> None:
     pairs = np.stack(np.divmod(np.arange(400) // 20, 5), axis=1)
     found = VOTE[Domain.FACE](Attribute("x", Domain.FACE, Kind.LABEL, pairs), mapped_onto(MESH, MESH)).values
     np.testing.assert_array_equal(found, pairs)
@@ -167,26 +167,26 @@ def test_of_labels_whose_border_is_as_long_either_way_faces_keep_their_own() -> 
 # --- weights ------------------------------------------------------------------------------------------------
 
 
-def skinned(table: np.ndarray, **options: object) -> np.ndarray:
+def transfer_weights(table: np.ndarray, **options: object) -> np.ndarray:
     weights = csr_array(table * np.ones((len(X), 1)))
     return transfer(point(Kind.WEIGHT, weights), identity(MESH), MESH, MESH, **options).values.toarray()
 
 
 @pytest.mark.parametrize(("total", "expected"), [(1.004, 1.0), (0.996, 1.0), (0.97, 0.97), (1.05, 1.05), (0.5, 0.5)])
-def test_sums_that_miss_one_by_rounding_become_one_and_others_stay(total: float, expected: float) -> None:
+def test_only_sums_within_rounding_of_one_are_normalized(total: float, expected: float) -> None:
     table = np.array([[0.6, 0.4]]) * total
-    np.testing.assert_allclose(skinned(table).sum(axis=1), expected, atol=1e-12)
+    np.testing.assert_allclose(transfer_weights(table).sum(axis=1), expected, atol=1e-12)
     assert sum_to_one(csr_array(table)) == (expected == 1)
 
 
 @pytest.mark.parametrize(("small", "kept"), [(2e-4, True), (5e-5, False)])
-def test_weights_that_move_nothing_are_dropped(small: float, kept: bool) -> None:
-    assert (skinned(np.array([[1 - small, small]]))[:, 1] > 0).all() == kept
+def test_negligible_weights_are_dropped(small: float, kept: bool) -> None:
+    assert (transfer_weights(np.array([[1 - small, small]]))[:, 1] > 0).all() == kept
 
 
-def test_where_no_room_is_left_there_is_no_weight_and_a_little_room_is_filled() -> None:
+def test_weights_fill_the_available_room_unless_negligible() -> None:
     room = np.where(X < 0.3, 5e-5, np.where(X < 0.6, 2e-4, 1.0))
-    found = skinned(np.array([[0.5, 0.5]]), room=room).sum(axis=1)
+    found = transfer_weights(np.array([[0.5, 0.5]]), room=room).sum(axis=1)
     np.testing.assert_allclose(found, np.where(X < 0.3, 0, room))
 
 
@@ -198,7 +198,7 @@ def fading(limit: int, groups: int = 3) -> np.ndarray:
     return weights.toarray()
 
 
-def test_a_group_that_a_limit_leaves_out_fades_over_a_few_edges_before() -> None:
+def test_groups_fade_out_before_a_limit_drops_them() -> None:
     full = np.column_stack([0 * X + 0.5, 0.25 + (0.5 - X) / 2, 0.25 - (0.5 - X) / 2])
     found = fading(2)
     assert (np.count_nonzero(found, axis=1) <= 2).all()
@@ -224,7 +224,7 @@ def test_only_shared_groups_are_limited() -> None:
 
 
 @pytest.mark.parametrize(("size", "follows"), [(0.1, True), (0.25, False)])
-def test_small_parts_move_as_what_is_nearest_and_larger_ones_are_left(size: float, follows: bool) -> None:
+def test_small_parts_follow_the_nearest_part_and_larger_ones_stay(size: float, follows: bool) -> None:
     surface, part = side_by_side((MESH, (0, 0, 0), 1.0), (plate(4, 4), (1.2, 0.5, 0), size))
     filled = filling(surface, part == 0)
     assert len(filled.follower) == (25 if follows else 0)
@@ -235,7 +235,7 @@ def test_small_parts_move_as_what_is_nearest_and_larger_ones_are_left(size: floa
         assert followed[0, 0] == 1
 
 
-def test_sharp_corners_do_not_spoil_what_is_filled_in() -> None:
+def test_slivers_do_not_spoil_filled_in_values() -> None:
     # Slivers of almost no area among the doubtful vertices.
     vertices = MESH.vertices.copy()
     hole = np.hypot(X - 0.5, Y - 0.5) < 0.2
@@ -257,23 +257,23 @@ def test_linear_values_are_filled_in_linearly_and_within_range() -> None:
     np.testing.assert_allclose(weights[hole], np.column_stack([X, 1 - X])[hole], atol=0.01)
 
 
-def test_a_button_that_is_not_trusted_has_the_weights_and_the_sum_of_what_it_is_on() -> None:
+def test_untrusted_button_takes_the_weights_of_the_part_below() -> None:
     surface, part = side_by_side((plate(8, 8), (0, 0, 0), 1.0), (plate(2, 2), (0.4, 0.5, 0.05), 0.02))
     weights = csr_array(np.where(part[:, None] == 0, [[0.3, 0.2]], [[0.0, 1.0]]))
-    match = trusted(np.where(part == 0, 1.0, 0.0), surface)
+    match = match_with_confidence(np.where(part == 0, 1.0, 0.0), surface)
     found = transfer(point(Kind.WEIGHT, weights), match, surface, surface, fill_below=0.5)
     np.testing.assert_allclose(found.values.toarray(), np.tile([0.3, 0.2], (len(part), 1)), atol=1e-6)
     assert "follow the nearest part" in found.notes[0]
 
 
-def test_a_part_is_filled_in_from_a_single_vertex_that_is_trusted() -> None:
+def test_part_is_filled_in_from_a_single_trusted_vertex() -> None:
     surface, part = side_by_side((plate(6, 6), (0, 0, 0), 1.0), (plate(4, 4), (2, 0, 0), 1.0))
     known = (part == 0) | (np.cumsum(part == 1) == 8)
     found = filling(surface, known).fill(np.where(known, 3.0 + part, 99.0)[:, None])
     np.testing.assert_allclose(found[:, 0], 3 + part, atol=1e-6)
 
 
-def test_votes_are_shares_of_a_faces_own() -> None:
+def test_votes_are_normalized_for_each_face() -> None:
     owner, code = np.array([0, 2, 0, 1, 0, 2]), np.array([5, 3, 4, 4, 5, 3])
     candidates, of = tally(owner, code, np.array([1.0, 2, 6, 5, 2, 8]))
     assert [*zip(candidates.face.tolist(), of.tolist(), strict=True)] == [(0, 4), (0, 5), (1, 4), (2, 3)]
@@ -284,7 +284,7 @@ def test_votes_are_shares_of_a_faces_own() -> None:
 
 
 @pytest.mark.parametrize(("grown", "low", "high"), [(2.0, 1.6, 2.4), (40.0, 2.5, 6.5), (1 / 40, 1 / 6.5, 1 / 2.5)])
-def test_growth_against_the_whole_is_bounded(grown: float, low: float, high: float) -> None:
+def test_growth_relative_to_the_whole_is_bounded(grown: float, low: float, high: float) -> None:
     # A small part beside a large one that keeps its size.
     large, small = plate(6, 6), plate(6, 6)
     source, part = side_by_side((large, (0, 0, 0), 100.0), (small, (200, 0, 0), 1.0))
@@ -305,7 +305,7 @@ BODY = GLOBE.with_vertices(GLOBE.vertices * (1 + 0.3 * GLOBE.vertices[:, [1, 2, 
 
 
 @pytest.mark.parametrize("mirror", [1, -1])
-def test_frames_of_a_body_that_is_turned_and_grown_are_that_turn_or_mirror_and_that_growth(mirror: int) -> None:
+def test_frames_recover_rotation_reflection_and_growth(mirror: int) -> None:
     linear = 3 * TURN @ np.diag([1, 1, mirror])
     frames = frames_of(mapped_onto(BODY, BODY.with_vertices(BODY.vertices @ linear.T + 5)))
     np.testing.assert_allclose(frames.rotations, np.tile(linear / 3, (len(frames.number), 1, 1)), atol=1e-6)
@@ -323,7 +323,7 @@ def test_gradients_are_integrated_over_the_areas_of_vertices() -> None:
 
 
 @pytest.mark.parametrize("spacing", [lambda x: x**2, lambda x: 1 - (1 - x) ** 2])
-def test_growth_is_that_of_the_place_however_dense_the_mesh_is_on_either_side(
+def test_growth_does_not_depend_on_the_density_of_the_meshes(
     spacing: Callable[[np.ndarray], np.ndarray],
 ) -> None:
     # The complex exponential maps the plate conformally to a sector of a ring.
@@ -336,7 +336,7 @@ def test_growth_is_that_of_the_place_however_dense_the_mesh_is_on_either_side(
     np.testing.assert_allclose(growth[inner], np.exp(x)[inner], rtol=0.02)
 
 
-def test_frames_are_blind_to_what_is_not_trusted() -> None:
+def test_frames_ignore_untrusted_vertices() -> None:
     x = BODY.vertices[:, 0]
     wrong = x > 0.6 * x.max()
     target = BODY.with_vertices(BODY.vertices @ TURN.T)
@@ -351,7 +351,7 @@ def test_frames_are_blind_to_what_is_not_trusted() -> None:
     assert misled[~wrong].mean() > 4 * off[~wrong].mean()
 
 
-def test_edges_are_filled_in_as_far_as_they_are_not_trusted() -> None:
+def test_doubted_stiffness_covers_only_untrusted_edges() -> None:
     top = BODY.vertices[:, 2] > 0.5
     full, none, half = (
         frames_of(mapped_onto(BODY, BODY, confidence)) for confidence in (1.0, 0.0, np.where(top, 0.0, 1.0))
@@ -364,7 +364,7 @@ def test_edges_are_filled_in_as_far_as_they_are_not_trusted() -> None:
     np.testing.assert_allclose(doubted[edges], expected[edges], atol=1e-8)
 
 
-def test_frames_on_some_vertices_are_on_their_neighbours_as_well() -> None:
+def test_frames_on_vertices_include_their_neighbours() -> None:
     mapped, some = mapped_onto(BODY, BODY), BODY.vertices[:, 2] > 0.5
     edges, _ = unique_edges(BODY.triangles)
     reached = some.copy()
@@ -374,7 +374,7 @@ def test_frames_on_some_vertices_are_on_their_neighbours_as_well() -> None:
     np.testing.assert_allclose(found.stiffness.sum(axis=0), 0, atol=1e-9)
 
 
-def test_rotations_of_faces_corners_and_loose_vertices_are_those_of_what_is_around() -> None:
+def test_faces_corners_and_loose_vertices_take_nearby_rotations() -> None:
     # A rolled-up plate rotates from column to column.
     rolled = MESH.with_vertices(np.column_stack([np.sin(2 * X) / 2, Y, np.cos(2 * X) / 2]))
     above = np.array([[0.25, 0.5, 0.001], [0.75, 0.5, 0.001]])
@@ -399,14 +399,14 @@ def test_rotations_of_faces_corners_and_loose_vertices_are_those_of_what_is_arou
     np.testing.assert_allclose(angle[inner], np.degrees(2 * X[inner]), atol=4)
 
 
-def test_directions_keep_their_length_where_they_are_mixed_and_turned() -> None:
+def test_directions_keep_their_length_when_turned() -> None:
     values = np.random.default_rng(0).normal(size=(len(X), 3))
     target = MESH.with_vertices(MESH.vertices @ TURN.T)
     found = turn_directions(point(Kind.DIRECTION, values), mapped_onto(MESH, target)).values
     np.testing.assert_allclose(found, values @ TURN.T, atol=1e-6)
 
 
-def test_of_vertices_that_are_welded_the_first_one_counts() -> None:
+def test_first_of_the_welded_vertices_is_used() -> None:
     # The middle column of vertices is duplicated.
     left, right = plate(2, 2), plate(2, 2)
     vertices = np.vstack([left.vertices, right.vertices + np.array([1, 0, 0]), [[9, 9, 9]]])
@@ -419,7 +419,7 @@ def test_of_vertices_that_are_welded_the_first_one_counts() -> None:
 
 @pytest.mark.parametrize("at", [0.5, 0.0])
 @pytest.mark.parametrize(("confidence", "followed"), [(1.0, True), (0.6, True), (0.2, False), (0.0, False)])
-def test_keys_follow_the_map_where_it_is_trusted_and_their_surroundings_where_not(
+def test_keys_follow_the_map_if_trusted_and_surroundings_otherwise(
     confidence: float, followed: bool, at: float
 ) -> None:
     fine = plate(40, 40)
@@ -428,7 +428,7 @@ def test_keys_follow_the_map_where_it_is_trusted_and_their_surroundings_where_no
     wrong = away < 0.08
     offsets = np.tile([[[0, 0, 0.1]]], (len(x), 1, 1)).astype(float)
     offsets[wrong] = [0, 0, -0.2]
-    match = trusted(np.where(wrong, confidence, 1.0), fine)
+    match = match_with_confidence(np.where(wrong, confidence, 1.0), fine)
     found = transfer(point(Kind.OFFSET, offsets), match, fine, fine)
     heights = found.values[wrong, 0, 2]
     if followed:
@@ -440,15 +440,17 @@ def test_keys_follow_the_map_where_it_is_trusted_and_their_surroundings_where_no
     np.testing.assert_allclose(found.values[away > 0.25, 0, 2], 0.1, atol=0.01)
 
 
-def test_parts_that_are_not_trusted_at_all_keep_a_place() -> None:
+def test_fully_untrusted_parts_keep_their_offsets() -> None:
     surface, part = side_by_side((plate(6, 6), (0, 0, 0), 1.0), (plate(6, 6), (2, 0, 0), 1.0))
     offsets = np.tile([[[0, 0, 0.1]]], (len(part), 1, 1))
-    found = transfer(point(Kind.OFFSET, offsets), trusted(np.where(part == 0, 1.0, 0.0), surface), surface, surface)
+    found = transfer(
+        point(Kind.OFFSET, offsets), match_with_confidence(np.where(part == 0, 1.0, 0.0), surface), surface, surface
+    )
     np.testing.assert_allclose(found.values, offsets, atol=1e-3)
 
 
 @pytest.mark.parametrize(("share", "moves"), [(1e-3, True), (3e-5, False)])
-def test_offsets_that_are_short_against_their_key_are_noise(share: float, moves: bool) -> None:
+def test_offsets_negligible_against_their_key_are_dropped(share: float, moves: bool) -> None:
     offsets = np.where(X > 0.5, 0.1, 0.1 * share)[:, None, None] * np.array([[[0, 0, 1.0]]])
     found = transfer(point(Kind.OFFSET, offsets), identity(MESH), MESH, MESH).values
     far = X < 0.3
@@ -456,7 +458,7 @@ def test_offsets_that_are_short_against_their_key_are_noise(share: float, moves:
 
 
 @pytest.mark.parametrize(("length", "moves"), [(1e-5, True), (1e-8, False)])
-def test_keys_that_are_short_against_the_surface_are_noise(length: float, moves: bool) -> None:
+def test_keys_negligible_against_the_surface_are_dropped(length: float, moves: bool) -> None:
     offsets = np.tile([[[0, 0, length]]], (len(X), 1, 1))
     for scale in (1.0, 1000.0):
         surface = MESH.with_vertices(scale * MESH.vertices)
@@ -467,7 +469,7 @@ def test_keys_that_are_short_against_the_surface_are_noise(length: float, moves:
 # --- normals and labels -------------------------------------------------------------------------------------
 
 
-def test_normals_that_a_map_pushes_below_the_surface_are_lifted_a_little_above_it() -> None:
+def test_normals_below_the_surface_are_lifted_just_above_it() -> None:
     # A tilted normal on a source that folds towards it, where the target is flat.
     values = np.tile([0.0, 0, 1.0], (len(X), 1))
     values[X > 0.5] = np.array([0.999, 0, 0.045]) / np.hypot(0.999, 0.045)
@@ -488,7 +490,7 @@ def test_normals_that_a_map_pushes_below_the_surface_are_lifted_a_little_above_i
     assert height[X > 0.55].max() < 0.3
 
 
-def test_what_is_wound_inside_out_has_the_mirror_images_of_its_normals_whether_lifted_or_not() -> None:
+def test_inside_out_surfaces_have_mirrored_normals() -> None:
     values = np.where(X[:, None] > 0.5, [0.999, 0, 0.045], [0.6, 0, 0.8])
     vertices = MESH.vertices.copy()
     vertices[:, 2] = np.where(X > 0.5, -0.6 * np.sin(6 * (X - 0.5)), 0)
@@ -505,7 +507,7 @@ def test_what_is_wound_inside_out_has_the_mirror_images_of_its_normals_whether_l
 
 
 @pytest.mark.parametrize("domain", [Domain.POINT, Domain.CORNER])
-def test_normals_are_on_the_side_that_faces_are_wound_to(domain: Domain) -> None:
+def test_normals_are_on_the_side_given_by_the_winding(domain: Domain) -> None:
     tilted = np.array([0.6, 0, 0.8])
     inverted = Surface(MESH.vertices, MESH.corner_vertex.reshape(-1, 4)[:, ::-1])
     values = np.tile(tilted, (len(X) if domain is Domain.POINT else len(MESH.corner_vertex), 1))
@@ -517,7 +519,7 @@ def test_normals_are_on_the_side_that_faces_are_wound_to(domain: Domain) -> None
 
 
 @pytest.mark.parametrize("options", [{"turned": True}, {"turned": False}, {}])
-def test_rotations_turn_with_the_surface_if_they_are_to(options: dict[str, bool]) -> None:
+def test_rotations_turn_with_the_surface_on_request(options: dict[str, bool]) -> None:
     turn = Rotation.from_rotvec([0.3, -0.5, 1.1])
     target = MESH.with_vertices(turn.apply(MESH.vertices))
     own = Rotation.from_rotvec([0.2, 0.7, -0.1])
@@ -535,7 +537,7 @@ def test_rotations_turn_with_the_surface_if_they_are_to(options: dict[str, bool]
     np.testing.assert_allclose(result.values, np.tile(truth.ravel(), (len(X), 1)), atol=1e-6)
 
 
-def test_quaternions_keep_their_sign_though_both_are_one_rotation() -> None:
+def test_quaternions_keep_their_sign() -> None:
     values = np.random.default_rng(0).normal(size=(len(X), 4))
     values /= np.linalg.norm(values, axis=1, keepdims=True)
     found = transfer(point(Kind.QUATERNION, values), identity(MESH), MESH, MESH).values
@@ -543,23 +545,23 @@ def test_quaternions_keep_their_sign_though_both_are_one_rotation() -> None:
 
 
 @pytest.mark.parametrize("wrong", [-0.1, 1.5])
-def test_a_confidence_to_fill_below_is_one(wrong: float) -> None:
+def test_fill_below_must_be_from_zero_to_one(wrong: float) -> None:
     with pytest.raises(ValueError, match="fill_below"):
         transfer(point(Kind.SCALAR, X), identity(MESH), MESH, MESH, fill_below=wrong)
 
 
 @pytest.mark.parametrize(("below", "filled"), [(None, False), (0.2, False), (0.5, True)])
-def test_what_is_trusted_less_than_asked_for_is_filled_in(below: float | None, filled: bool) -> None:
+def test_values_below_the_requested_confidence_are_filled_in(below: float | None, filled: bool) -> None:
     hole = np.hypot(X - 0.5, Y - 0.5) < 0.2
     values = np.where(hole, 99.0, X)
-    match = trusted(np.where(hole, 0.3, 1.0))
+    match = match_with_confidence(np.where(hole, 0.3, 1.0))
     result = transfer(point(Kind.SCALAR, values), match, MESH, MESH, fill_below=below)
     assert (np.abs(result.values[hole] - X[hole]).max() < 0.1) == filled
     assert len(result.notes) == filled
 
 
 @pytest.mark.parametrize(("size", "kept"), [(0.62, True), (0.4, False)])
-def test_an_island_of_most_of_a_face_survives_and_a_smaller_one_goes(size: float, kept: bool) -> None:
+def test_islands_survive_if_they_cover_most_of_a_face(size: float, kept: bool) -> None:
     # A labelled square on target faces of width 0.1; no face is mostly inside it.
     source, target = plate(100, 100), plate(10, 10)
     middle = source.vertices[source.corner_vertex].reshape(-1, 4, 3).mean(axis=1)[:, :2]
@@ -577,7 +579,7 @@ def test_corners_read_labels_on_their_own_side() -> None:
     np.testing.assert_array_equal(transfer(attribute, identity(MESH), MESH, MESH).values, attribute.values)
 
 
-def test_steps_between_neighbours_grow_smaller_with_a_limit_that_fades() -> None:
+def test_fading_reduces_steps_between_neighbours() -> None:
     edges, _ = unique_edges(MESH.triangles)
     found = fading(2)
     step = np.abs(found[edges[:, 0]] - found[edges[:, 1]]).sum(axis=1)

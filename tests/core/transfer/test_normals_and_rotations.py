@@ -44,7 +44,9 @@ def directions_on(surface: Surface, seed: int = 0) -> np.ndarray:
     return field / np.linalg.norm(field, axis=1, keepdims=True)
 
 
-def carried(values: np.ndarray, kind: Kind, surface_map: SurfaceMap, source: Surface, target: Surface, **options: bool):
+def transfer_values(
+    values: np.ndarray, kind: Kind, surface_map: SurfaceMap, source: Surface, target: Surface, **options: bool
+):
     domain = {
         len(source.vertices): Domain.POINT,
         len(source.face_start) - 1: Domain.FACE,
@@ -62,17 +64,17 @@ def at_domain(values: np.ndarray, surface: Surface, domain: str) -> np.ndarray:
 
 @pytest.mark.parametrize("domain", ["point", "corner", "face"])
 @pytest.mark.parametrize("kind", [Kind.DIRECTION, Kind.NORMAL])
-def test_directions_turn_as_a_rigid_body_does_whatever_its_size_and_mesh(kind: Kind, domain: str) -> None:
+def test_directions_turn_rigidly_at_any_size_and_mesh(kind: Kind, domain: str) -> None:
     source, target = creature(6000), creature(3000, seed=5)
     turned = Surface(3 * target.surface.vertices @ TURN.T + 7, target.surface.triangles)
     surface_map = map_of(source, target)
     values = at_domain(directions_on(source.surface), source.surface, domain)
-    still = carried(values, Kind.VECTOR, surface_map, source.surface, target.surface)
-    result = carried(values, kind, surface_map, source.surface, turned)
+    still = transfer_values(values, Kind.VECTOR, surface_map, source.surface, target.surface)
+    result = transfer_values(values, kind, surface_map, source.surface, turned)
     assert degrees(result, still @ TURN.T).mean() < 1.5  # the target's edges cut across the source's corners
 
 
-def test_directions_are_those_of_the_posed_surface() -> None:
+def test_directions_turn_with_the_posed_surface() -> None:
     source, posed, target = creature(8000), creature(8000, bend=1.5), creature(6000, seed=5, bend=1.5)
     surface_map = map_of(source, target)
     # On the same mesh the rotation of every triangle is known.
@@ -85,7 +87,7 @@ def test_directions_are_those_of_the_posed_surface() -> None:
     turns = nearest_rotations(products)
     values = np.random.default_rng(0).normal(size=(1, 3)).repeat(len(source.surface.vertices), axis=0)
     truth = np.einsum("mxy,y->mx", turns, values[0])[surface_map.triangle]
-    result = carried(values, Kind.DIRECTION, surface_map, source.surface, target.surface)
+    result = transfer_values(values, Kind.DIRECTION, surface_map, source.surface, target.surface)
     unturned = degrees(surface_map.interpolate(values), truth)
     bent = unturned > 15
     error = degrees(result, truth)
@@ -95,15 +97,15 @@ def test_directions_are_those_of_the_posed_surface() -> None:
     shaken = target.directions + np.random.default_rng(0).normal(scale=0.01, size=target.directions.shape)
     triangles = source.surface.triangles
     rough = SurfaceMap(*closest_points(shaken, source.directions, triangles), triangles)
-    result = carried(values, Kind.DIRECTION, rough, source.surface, target.surface)
+    result = transfer_values(values, Kind.DIRECTION, rough, source.surface, target.surface)
     assert degrees(result, truth).mean() < 4
     np.testing.assert_allclose(np.linalg.norm(result, axis=1), np.linalg.norm(values[0]), rtol=1e-6)
 
 
-def test_smooth_normals_of_the_source_are_the_target_s_own() -> None:
+def test_smooth_normals_become_those_of_the_target() -> None:
     source, target = creature(8000), creature(6000, seed=5, bend=BEND)
     values = normals_of(source.surface)[source.surface.corner_vertex].astype(np.float32)
-    result = carried(values, Kind.NORMAL, map_of(source, target), source.surface, target.surface)
+    result = transfer_values(values, Kind.NORMAL, map_of(source, target), source.surface, target.surface)
     assert result.dtype == np.float32
     np.testing.assert_allclose(np.linalg.norm(result, axis=1), 1, rtol=1e-5)
     error = degrees(result, normals_of(target.surface)[target.surface.corner_vertex])
@@ -114,7 +116,7 @@ def test_smooth_normals_of_the_source_are_the_target_s_own() -> None:
 @pytest.mark.parametrize("mirrored", [True, False])
 @pytest.mark.parametrize("inside_out", [True, False])
 @pytest.mark.parametrize("domain", ["point", "corner", "face"])
-def test_normals_are_as_good_where_a_map_mirrors_and_on_the_side_that_faces_say(
+def test_normals_are_right_for_mirrored_maps_and_reversed_winding(
     mirrored: bool, inside_out: bool, domain: str
 ) -> None:
     source, target = creature(8000), creature(6000, seed=5)
@@ -122,26 +124,26 @@ def test_normals_are_as_good_where_a_map_mirrors_and_on_the_side_that_faces_say(
     order = 1 if mirrored == inside_out else -1
     other = Surface(vertices, target.surface.triangles[:, ::order])
     values = at_domain(normals_of(source.surface), source.surface, domain)
-    result = carried(values, Kind.NORMAL, map_of(source, target), source.surface, other)
+    result = transfer_values(values, Kind.NORMAL, map_of(source, target), source.surface, other)
     assert np.median(degrees(result, at_domain(normals_of(other), other, domain))) < 2
 
 
-def test_normals_jump_where_the_source_s_do() -> None:
+def test_normals_keep_the_hard_edges_of_the_source() -> None:
     flat, quads = grid(np.linspace(-1, 1, 21), np.linspace(-1, 1, 21)).vertices, grid_faces(20, 20)
     roof = np.column_stack([flat[:, :2], -np.abs(flat[:, 0])])
     source, target = Surface(roof, quads), Surface(roof @ TURN.T, triangles_of(quads))
     slope = np.sign(roof[source.corner_vertex].reshape(-1, 4, 3).mean(axis=1)[:, 0])
     flat = np.column_stack([slope, 0 * slope, np.ones(len(slope))]) / np.sqrt(2)
-    result = carried(flat.repeat(4, axis=0), Kind.NORMAL, identity(source), source, target)
+    result = transfer_values(flat.repeat(4, axis=0), Kind.NORMAL, identity(source), source, target)
     own = triangle_normals(target.vertices, target.triangles)
     assert degrees(result, own.repeat(3, axis=0)).max() < 0.01
 
 
-def test_normals_stay_above_the_surface_but_where_the_source_s_are_below() -> None:
+def test_normals_stay_above_the_surface_unless_below_on_the_source() -> None:
     source, target = creature(3000), creature(3000, seed=5, bend=BEND)
     up = np.tile([0.0, 0, 1], (len(source.surface.vertices), 1))
     surface_map = map_of(source, target)
-    result = carried(up, Kind.NORMAL, surface_map, source.surface, target.surface)
+    result = transfer_values(up, Kind.NORMAL, surface_map, source.surface, target.surface)
     above = surface_map.interpolate(np.einsum("nx,nx->n", up, normals_of(source.surface))) > 0
     assert 0.2 < above.mean() < 0.8
     height = np.einsum("nx,nx->n", result, normals_of(target.surface))
@@ -150,7 +152,7 @@ def test_normals_stay_above_the_surface_but_where_the_source_s_are_below() -> No
 
 
 @pytest.mark.parametrize("domain", ["point", "corner", "face"])
-def test_quaternions_of_either_sign_are_the_same_rotation_and_turn_if_asked(domain: str) -> None:
+def test_quaternions_of_either_sign_agree_and_turn_on_request(domain: str) -> None:
     source, target = creature(4000), creature(3000, seed=5)
     turned = Surface(target.surface.vertices @ TURN.T, target.surface.triangles)
     surface_map = map_of(source, target)
@@ -165,21 +167,21 @@ def test_quaternions_of_either_sign_are_the_same_rotation_and_turn_if_asked(doma
     values *= np.where(np.random.default_rng(0).random(len(values)) < 0.5, -1, 1)[:, None]
     truth = rotations(target.surface)
     for options, expected in (({}, truth), ({"turned": True}, Rotation.from_matrix(TURN) * truth)):
-        result = carried(values, Kind.QUATERNION, surface_map, source.surface, turned, **options)
+        result = transfer_values(values, Kind.QUATERNION, surface_map, source.surface, turned, **options)
         np.testing.assert_allclose(np.linalg.norm(result, axis=1), 1, rtol=1e-6)
         off = (Rotation.from_quat(np.roll(result, -1, axis=1)) * expected.inv()).magnitude()
         assert np.median(np.degrees(off)) < 2
 
 
-def test_quaternions_keep_their_sign_and_missing_ones_turn_nothing() -> None:
+def test_quaternions_keep_their_sign_and_zero_ones_become_identity() -> None:
     mesh = creature(1000).surface
     values = np.tile([-0.6, 0, 0.8, 0], (1000, 1))
-    np.testing.assert_allclose(carried(values, Kind.QUATERNION, identity(mesh), mesh, mesh), values, atol=1e-9)
-    result = carried(0 * values, Kind.QUATERNION, identity(mesh), mesh, mesh)
+    np.testing.assert_allclose(transfer_values(values, Kind.QUATERNION, identity(mesh), mesh, mesh), values, atol=1e-9)
+    result = transfer_values(0 * values, Kind.QUATERNION, identity(mesh), mesh, mesh)
     np.testing.assert_allclose(result, np.tile([1, 0, 0, 0], (1000, 1)), atol=1e-9)
 
 
-def test_matrices_are_neither_sheared_nor_shrunk_between_two_rotations() -> None:
+def test_matrices_are_not_sheared_or_shrunk_between_rotations() -> None:
     source, target = creature(4000), creature(3000, seed=5)
     surface_map = map_of(source, target)
     angle = np.pi * (source.surface.vertices[:, 2] > 0)  # rotations by half a turn or zero
@@ -187,18 +189,20 @@ def test_matrices_are_neither_sheared_nor_shrunk_between_two_rotations() -> None
     matrices = np.tile(np.eye(4), (4000, 1, 1))
     matrices[:, :3, :3] = rotation @ np.diag([1.0, 2, -3])
     matrices[:, :3, 3] = source.surface.vertices
-    result = carried(matrices.reshape(-1, 16), Kind.MATRIX, surface_map, source.surface, target.surface)
+    result = transfer_values(matrices.reshape(-1, 16), Kind.MATRIX, surface_map, source.surface, target.surface)
     result = result.reshape(-1, 4, 4)
     np.testing.assert_allclose(np.linalg.det(result[:, :3, :3]), -6, rtol=1e-6)
     np.testing.assert_allclose(np.linalg.svd(result[:, :3, :3])[1], np.tile([3, 2, 1], (3000, 1)), rtol=1e-6)
     np.testing.assert_allclose(result[:, :3, 3], surface_map.interpolate(source.surface.vertices), atol=1e-9)
     np.testing.assert_allclose(result[:, 3], np.tile([0, 0, 0, 1], (3000, 1)), atol=1e-12)
-    kept = carried(matrices.reshape(-1, 16), Kind.MATRIX, identity(source.surface), source.surface, source.surface)
+    kept = transfer_values(
+        matrices.reshape(-1, 16), Kind.MATRIX, identity(source.surface), source.surface, source.surface
+    )
     np.testing.assert_allclose(kept, matrices.reshape(-1, 16), atol=1e-6)
 
 
 @pytest.mark.parametrize("kind", [Kind.DIRECTION, Kind.NORMAL, Kind.QUATERNION, Kind.MATRIX])
-def test_what_turns_is_filled_in_where_confidence_is_low_and_says_so(kind: Kind) -> None:
+def test_rotating_kinds_are_filled_in_and_reported_if_doubtful(kind: Kind) -> None:
     mesh = creature(3000).surface
     doubtful = mesh.vertices[:, 2] > np.quantile(mesh.vertices[:, 2], 0.98)
     match = SimpleNamespace(has_partner=None, surface_map=identity(mesh), confidence=np.where(doubtful, 0.0, 1.0))

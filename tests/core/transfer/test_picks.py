@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Picks read what a transfer wrote, and follow edits of the source's values as another transfer would."""
+"""Picks give the transferred values, and follow edits of the source's values as another transfer would."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ HEMISPHERE = (SOURCE.vertices[:, 0] > 0.1).astype(np.int64)
 OF_FACE = HEMISPHERE[SOURCE.corner_vertex[SOURCE.face_start[:-1]]]
 
 
-def linked(attribute: Attribute, mapped: MappedTarget = MAPPED) -> np.ndarray:
+def find_mixtures(attribute: Attribute, mapped: MappedTarget = MAPPED) -> np.ndarray:
     picks = pick(attribute, mapped)
     assert picks is not None
     return are_mixed(picks, attribute, transfer_along(attribute, mapped))
@@ -51,11 +51,11 @@ def linked(attribute: Attribute, mapped: MappedTarget = MAPPED) -> np.ndarray:
     ids=lambda attribute: f"{attribute.domain.name}-{attribute.kind.name}-{attribute.name}",
 )
 def test_picks_read_the_transferred_values(attribute: Attribute) -> None:
-    assert linked(attribute).all()
+    assert find_mixtures(attribute).all()
 
 
-def test_picks_of_uvs_stay_on_their_side_of_the_seam_when_the_islands_move() -> None:
-    """Another transfer after the UVs are rotated and moved gives what the picks read, beyond the seam as well."""
+def test_uv_picks_stay_on_their_side_of_the_seam_when_islands_move() -> None:
+    """After the UVs are rotated and moved, picks agree with another transfer, beyond the seam as well."""
     atlas = Attribute("UVMap", Domain.CORNER, Kind.UV, UV / 2 + 0.2)
     picks = pick(atlas, MAPPED)
     turn = np.array([[0.6, -0.8], [0.8, 0.6]])
@@ -65,19 +65,19 @@ def test_picks_of_uvs_stay_on_their_side_of_the_seam_when_the_islands_move() -> 
     np.testing.assert_allclose(picks.mix(moved.values), transfer_along(moved, MAPPED).values, atol=1e-9)
 
 
-def test_values_that_a_transfer_fills_in_are_no_mixtures() -> None:
+def test_filled_in_values_are_not_mixtures() -> None:
     doubtful = np.arange(len(TARGET.vertices)) < 40
     filled = replace(MAPPED, confidence=np.where(doubtful, 0.0, 1.0), fill_below=0.5)
     height = Attribute("height", Domain.POINT, Kind.SCALAR, RANDOM.random(COUNT[Domain.POINT]))
-    np.testing.assert_array_equal(linked(height, filled), ~doubtful)
+    np.testing.assert_array_equal(find_mixtures(height, filled), ~doubtful)
 
 
-def test_kinds_that_mix_otherwise_have_no_picks() -> None:
+def test_kinds_with_other_rules_have_no_picks() -> None:
     normals = Attribute("normals", Domain.POINT, Kind.NORMAL, SOURCE.vertices)
     assert pick(normals, MAPPED) is None
     assert pick(Attribute("mean", Domain.FACE, Kind.SCALAR, OF_FACE.astype(float)), MAPPED) is None
 
 
-def test_uvs_that_a_tile_clips_are_no_mixtures() -> None:
-    found = linked(Attribute("UVMap", Domain.CORNER, Kind.UV, UV))
+def test_uvs_clipped_at_a_tile_are_not_mixtures() -> None:
+    found = find_mixtures(Attribute("UVMap", Domain.CORNER, Kind.UV, UV))
     assert 0.9 < found.mean() < 1

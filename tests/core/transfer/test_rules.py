@@ -34,7 +34,7 @@ VALUES = {
 }
 
 
-def refused(mesh: Sheet, attribute: Attribute) -> str:
+def refusal_of(mesh: Sheet, attribute: Attribute) -> str:
     with pytest.raises(MeshError) as error:
         transfer(attribute, identity(mesh.surface), mesh.surface, mesh.surface)
     message = str(error.value)
@@ -44,7 +44,7 @@ def refused(mesh: Sheet, attribute: Attribute) -> str:
 
 
 @pytest.mark.parametrize("kind", RULES)
-def test_every_row_says_for_which_domains_and_counts_it_stands(mesh: Sheet, kind: Kind) -> None:
+def test_every_rule_checks_domains_and_counts(mesh: Sheet, kind: Kind) -> None:
     surface = mesh.surface
     counts = {Domain.POINT: 2400, Domain.EDGE: 4800, Domain.FACE: 2400, Domain.CORNER: 9600}
     for domain, count in counts.items():
@@ -53,16 +53,16 @@ def test_every_row_says_for_which_domains_and_counts_it_stands(mesh: Sheet, kind
             result = transfer(attribute, identity(surface), surface, surface)
             assert result.values.shape == attribute.values.shape
             short = Attribute("thing", domain, kind, VALUES[kind](count - 1))
-            message = refused(mesh, short)
+            message = refusal_of(mesh, short)
             assert str(count) in message
             assert str(count - 1) in message
         else:
-            assert "give one for each" in refused(mesh, attribute)
+            assert "give one for each" in refusal_of(mesh, attribute)
 
 
-def test_kinds_without_a_row_are_refused_by_naming_those_with_one(mesh: Sheet) -> None:
+def test_kinds_without_a_rule_are_refused_with_a_list_of_kinds(mesh: Sheet) -> None:
     for kind in set(Kind) - set(RULES):
-        message = refused(mesh, Attribute("thing", Domain.POINT, kind, np.zeros((2400, 3))))
+        message = refusal_of(mesh, Attribute("thing", Domain.POINT, kind, np.zeros((2400, 3))))
         assert "'thing'" in message
         assert kind.name.lower() in message
         assert all(known.name.lower() in message for known in RULES)
@@ -96,19 +96,19 @@ def test_kinds_without_a_row_are_refused_by_naming_those_with_one(mesh: Sheet) -
     ],
 )
 def test_values_of_the_wrong_shape_or_type_are_refused(mesh: Sheet, domain: Domain, kind: Kind, values: object) -> None:
-    message = refused(mesh, Attribute("thing", domain, kind, values))
+    message = refusal_of(mesh, Attribute("thing", domain, kind, values))
     assert RULES[kind].meaning in message
 
 
-def test_values_that_are_not_finite_are_refused_where_they_would_spread(mesh: Sheet) -> None:
+def test_non_finite_values_are_refused_where_they_would_spread(mesh: Sheet) -> None:
     uv = np.zeros((9600, 2))
     uv[17] = np.nan
-    assert "not finite" in refused(mesh, Attribute("thing", Domain.CORNER, Kind.UV, uv))
+    assert "not finite" in refusal_of(mesh, Attribute("thing", Domain.CORNER, Kind.UV, uv))
     weights = csr_array(np.full((2400, 2), np.inf))
-    assert "not finite" in refused(mesh, Attribute("thing", Domain.POINT, Kind.WEIGHT, weights))
+    assert "not finite" in refusal_of(mesh, Attribute("thing", Domain.POINT, Kind.WEIGHT, weights))
 
 
-def test_what_is_mixed_is_told_and_what_needs_no_more_than_its_other_side() -> None:
+def test_rules_declare_mixable_and_mirrorable_kinds() -> None:
     # Directions rotate, labels have no mean, and UVs may be on different islands: they have their own methods.
     mixable = {kind for kind, rule in RULES.items() if rule.mixable}
     assert mixable == {Kind.SCALAR, Kind.VECTOR, Kind.COLOR, Kind.WEIGHT, Kind.OFFSET}
@@ -125,7 +125,7 @@ def test_a_map_between_other_surfaces_is_refused(mesh: Sheet) -> None:
         transfer(attribute, identity(other.surface), mesh.surface, other.surface)
 
 
-def test_notes_that_an_attribute_has_stay(mesh: Sheet) -> None:
+def test_notes_of_an_attribute_are_kept(mesh: Sheet) -> None:
     for kind, domain in ((Kind.SCALAR, Domain.POINT), (Kind.UV, Domain.CORNER)):
         values = VALUES[kind](2400 if domain is Domain.POINT else 9600)
         attribute = Attribute("thing", domain, kind, values, notes=("It was painted by hand.",))

@@ -24,7 +24,7 @@ CAGES = {
 
 
 @pytest.mark.parametrize("cage", CAGES.values(), ids=CAGES)
-def test_the_limit_is_that_of_the_subdivided_cage(cage: Surface) -> None:
+def test_limit_equals_that_of_the_subdivided_cage(cage: Surface) -> None:
     points = limit_points(cage)
     _, subdivided, quads = _subdivide(cage)
     finer = Surface(subdivided @ cage.vertices, quads)
@@ -71,7 +71,7 @@ def test_the_limit_of_a_wrapped_cage_lies_on_the_source() -> None:
     assert missed[0] < 0.6 * missed[1]
 
 
-def test_landmarks_are_places_of_the_limit_and_what_is_masked_stays() -> None:
+def test_landmarks_apply_to_the_limit_and_masked_parts_stay() -> None:
     fine, cage = ball(1, count=3000, seed=4), ball(1, count=150, seed=5)
     source = fine.with_vertices(bumpy(fine.vertices))
     match = nearest_map(bumpy(cage.vertices), source)

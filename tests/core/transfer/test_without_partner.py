@@ -107,7 +107,7 @@ def elements(surface: Surface, vertices: np.ndarray, domain: Domain) -> np.ndarr
 
 
 @pytest.mark.parametrize(("kind", "domain"), KINDS)
-def test_every_kind_goes_on_as_it_is_around(mesh: Sheet, match: Masked, kind: Kind, domain: Domain) -> None:
+def test_every_kind_is_continued_from_its_surroundings(mesh: Sheet, match: Masked, kind: Kind, domain: Domain) -> None:
     attribute = values(mesh, kind, domain)
     alone = elements(mesh.surface, ~match.has_partner, domain)
     around = np.flatnonzero(near(mesh) & match.has_partner)[0]
@@ -123,7 +123,7 @@ def test_every_kind_goes_on_as_it_is_around(mesh: Sheet, match: Masked, kind: Ki
 
 
 @pytest.mark.parametrize(("kind", "domain"), [*KINDS, (Kind.MARK, Domain.POINT), (Kind.BOOLEAN, Domain.EDGE)])
-def test_every_kind_can_be_left_as_it_is(mesh: Sheet, match: Masked, kind: Kind, domain: Domain) -> None:
+def test_every_kind_can_be_left_unchanged(mesh: Sheet, match: Masked, kind: Kind, domain: Domain) -> None:
     attribute = values(mesh, kind, domain)
     alone = elements(mesh.surface, ~match.has_partner, domain)
     received = transfer(attribute, match, mesh.surface, mesh.surface)
@@ -135,7 +135,7 @@ def test_every_kind_can_be_left_as_it_is(mesh: Sheet, match: Masked, kind: Kind,
     np.testing.assert_allclose(kept[rest], dense(received)[rest], atol=1e-6)
 
 
-def test_the_map_goes_on_from_the_nearest_place_and_stays_where_nothing_is_near(mesh: Sheet, match: Masked) -> None:
+def test_map_is_extrapolated_only_within_connected_parts(mesh: Sheet, match: Masked) -> None:
     surface = Surface.joined([mesh.surface, mesh.surface.with_vertices(mesh.surface.vertices + 9)])
     n = len(match.has_partner)
     doubled = SurfaceMap.from_vertices(np.tile(match.surface_map.vertex, 2), mesh.surface)
@@ -152,7 +152,7 @@ def test_the_map_goes_on_from_the_nearest_place_and_stays_where_nothing_is_near(
         assert extrapolate_map(doubled, surface, everywhere) is doubled
 
 
-def test_numbers_and_keys_go_on_smoothly_from_there(mesh: Sheet, match: Masked) -> None:
+def test_numbers_are_extrapolated_smoothly(mesh: Sheet, match: Masked) -> None:
     slope = np.sin(2 * np.pi * mesh.parameters[:, 0])
     number = Attribute("it", Domain.POINT, Kind.SCALAR, slope)
     alone = ~match.has_partner
@@ -165,6 +165,6 @@ def test_numbers_and_keys_go_on_smoothly_from_there(mesh: Sheet, match: Masked) 
     np.testing.assert_array_equal(mapped.confidence, match.has_partner)
 
 
-def test_a_mask_of_other_vertices_is_refused(mesh: Sheet, match: Masked) -> None:
+def test_mask_of_wrong_length_is_refused(mesh: Sheet, match: Masked) -> None:
     with pytest.raises(MeshError, match="match these two surfaces again"):
         map_target(Masked(match.surface_map, match.confidence, np.ones(3, bool)), mesh.surface, mesh.surface)

@@ -52,7 +52,7 @@ def source() -> Surface:
     return fine.with_vertices(3 * TURN.apply(bumpy(fine.vertices)) + [5.0, -2, 9])
 
 
-def mapped(points: np.ndarray, source: Surface) -> SurfaceMap:
+def map_directions(points: np.ndarray, source: Surface) -> SurfaceMap:
     """The map of points (n, 3) of the unit sphere to the source points in their directions."""
     back = TURN.inv().apply(source.vertices - [5.0, -2, 9])
     back /= np.linalg.norm(back, axis=1)[:, None]
@@ -64,7 +64,7 @@ def mapped(points: np.ndarray, source: Surface) -> SurfaceMap:
 def noisy(target: Surface, source: Surface) -> SurfaceMap:
     """A map with errors of about an edge length, so that many faces fold over."""
     noise = np.random.default_rng(0).normal(0, 0.06, target.vertices.shape)
-    return mapped(target.vertices + noise, source)
+    return map_directions(target.vertices + noise, source)
 
 
 @pytest.fixture(scope="module")
@@ -97,7 +97,7 @@ def distortion(points: np.ndarray, target: Surface) -> float:
     return float(np.abs(angles[0] - angles[1]).mean())
 
 
-def form_error(points: np.ndarray, rest: np.ndarray) -> tuple[float, float]:
+def shape_error(points: np.ndarray, rest: np.ndarray) -> tuple[float, float]:
     """Greatest distance of points from the best similarity of `rest`, relative to their extent, and its scale."""
     motion = procrustes(rest, points)
     error = np.linalg.norm(motion(rest) - points, axis=1).max()
@@ -115,7 +115,7 @@ def test_a_noisy_map_gives_an_even_mesh_on_the_source(
     assert not wrapped.notes
 
 
-def test_first_stages_on_a_coarse_copy_lead_to_the_same_place(
+def test_coarse_first_stages_give_the_same_result(
     wrapped: Wrapped, noisy: SurfaceMap, source: Surface, target: Surface
 ) -> None:
     numbers = np.array([3, 200, 450])
@@ -129,7 +129,7 @@ def test_first_stages_on_a_coarse_copy_lead_to_the_same_place(
     assert apart[numbers].max() < 1e-9
 
 
-def test_progress_is_told_and_a_listener_may_cancel(
+def test_progress_is_reported_and_a_listener_can_cancel(
     noisy: SurfaceMap, source: Surface, target: Surface, wrapped: Wrapped
 ) -> None:
     told: list[Progress] = []
@@ -150,12 +150,12 @@ def test_progress_is_told_and_a_listener_may_cancel(
 
 
 def test_vertices_stay_where_the_map_sends_them(source: Surface, target: Surface) -> None:
-    found = wrap(mapped(target.vertices, source), source, target, smoothness=0.2).vertices
+    found = wrap(map_directions(target.vertices, source), source, target, smoothness=0.2).vertices
     true = 3 * TURN.apply(bumpy(target.vertices)) + [5.0, -2, 9]
     assert np.linalg.norm(found - true, axis=1).mean() < 0.012 * np.sqrt(source.area)
 
 
-def test_faces_that_turn_over_are_turned_back(noisy: SurfaceMap, source: Surface, target: Surface) -> None:
+def test_flipped_faces_are_unfolded(noisy: SurfaceMap, source: Surface, target: Surface) -> None:
     with retune(UNFOLD, relaxations=0, retreats=0, releases=1):
         folded = wrap(noisy, source, target, smoothness=0.0)
     assert folded.turned_over > 0
@@ -164,9 +164,7 @@ def test_faces_that_turn_over_are_turned_back(noisy: SurfaceMap, source: Surface
     assert wrap(noisy, source, target, smoothness=0.0).turned_over == 0
 
 
-def test_faces_of_which_next_to_nothing_is_left_are_widened(
-    noisy: SurfaceMap, source: Surface, target: Surface
-) -> None:
+def test_nearly_collapsed_faces_are_widened(noisy: SurfaceMap, source: Surface, target: Surface) -> None:
     def narrowest() -> float:
         found = wrap(noisy, source, target, smoothness=0.0).vertices
         return float(
@@ -179,14 +177,14 @@ def test_faces_of_which_next_to_nothing_is_left_are_widened(
         assert narrowest() > 3 * before
 
 
-def test_smoothness_evens_the_edges(noisy: SurfaceMap, source: Surface, target: Surface, wrapped: Wrapped) -> None:
+def test_smoothness_reduces_distortion(noisy: SurfaceMap, source: Surface, target: Surface, wrapped: Wrapped) -> None:
     rough, even = (wrap(noisy, source, target, smoothness=value).vertices for value in (0.0, 1.0))
     figures = [distortion(points, target) for points in (rough, wrapped.vertices, even)]
     assert figures[0] > 1.2 * figures[1] > 1.2 * figures[2] * 0.99
     assert off(even, source).max() < 1e-6
 
 
-def test_detail_goes_from_the_coarse_form_to_the_surface(
+def test_detail_blends_from_the_coarse_shape_to_the_surface(
     noisy: SurfaceMap, source: Surface, target: Surface, wrapped: Wrapped
 ) -> None:
     coarse, half = (wrap(noisy, source, target, detail=value).vertices for value in (0.0, 0.5))
@@ -196,10 +194,10 @@ def test_detail_goes_from_the_coarse_form_to_the_surface(
     assert inwards(coarse, target) == 0
 
 
-def test_landmarks_hold_exactly(noisy: SurfaceMap, source: Surface, target: Surface) -> None:
+def test_landmarks_are_met_exactly(noisy: SurfaceMap, source: Surface, target: Surface) -> None:
     numbers = np.array([3, 200, 450])
     away = Rotation.from_rotvec([0, 0, 0.25]).apply(target.vertices[numbers])
-    there = mapped(away, source).interpolate(source.vertices)
+    there = map_directions(away, source).interpolate(source.vertices)
     found = wrap(noisy, source, target, landmarks=(there, numbers))
     assert np.abs(found.vertices[numbers] - there).max() < 1e-9
     assert found.turned_over == 0
@@ -211,22 +209,22 @@ def test_landmarks_hold_exactly(noisy: SurfaceMap, source: Surface, target: Surf
     assert dragged @ moved > 0.3 * moved @ moved
 
 
-def test_a_landmark_between_vertices_holds(noisy: SurfaceMap, source: Surface, target: Surface) -> None:
+def test_landmark_inside_a_face_is_met_exactly(noisy: SurfaceMap, source: Surface, target: Surface) -> None:
     middle = target.vertices[target.triangles[10]].mean(axis=0)
     there = source.vertices[99]
     found = wrap(noisy, source, target, landmarks=([there], [middle])).vertices
     assert np.abs(found[target.triangles[10]].mean(axis=0) - there).max() < 1e-9
 
 
-def test_what_has_no_partner_keeps_its_form(source: Surface) -> None:
+def test_parts_without_a_partner_keep_their_shape(source: Surface) -> None:
     plain = ball(1, count=700, seed=3)
     height = 0.8 * np.maximum(0, plain.vertices[:, 2]) ** 40
     horned = plain.with_vertices(plain.vertices * (1 + height)[:, None])
     alone = height > 0.04
-    vertex = mapped(horned.vertices, source)
+    vertex = map_directions(horned.vertices, source)
     match = Given(vertex, np.where(alone, 0.0, 1.0), ~alone)
     found = wrap(match, source, horned)
-    error, growth = form_error(found.vertices[alone], horned.vertices[alone])
+    error, growth = shape_error(found.vertices[alone], horned.vertices[alone])
     assert error < 0.08
     assert 2.4 < growth < 4
     assert off(found.vertices, source)[~alone].max() < 1e-6
@@ -238,17 +236,17 @@ def test_what_has_no_partner_keeps_its_form(source: Surface) -> None:
     assert (found.vertices[tip] - base) @ up > 0.9 * np.linalg.norm(found.vertices[tip] - base)
 
 
-def test_a_mask_leaves_the_rest_its_form(source: Surface, target: Surface, noisy: SurfaceMap) -> None:
+def test_parts_outside_the_mask_keep_their_shape(source: Surface, target: Surface, noisy: SurfaceMap) -> None:
     mask = (target.vertices[:, 0] > 0).astype(float)
     found = wrap(noisy, source, target, mask=mask)
     outside = target.vertices[:, 0] < -0.15
-    error, _ = form_error(found.vertices[outside], target.vertices[outside])
-    whole, _ = form_error(wrap(noisy, source, target).vertices[outside], target.vertices[outside])
+    error, _ = shape_error(found.vertices[outside], target.vertices[outside])
+    whole, _ = shape_error(wrap(noisy, source, target).vertices[outside], target.vertices[outside])
     assert error < 0.07 < whole
     assert off(found.vertices, source)[mask > 0].max() < 1e-6
 
 
-def test_loose_parts_go_along_as_they_are(source: Surface, target: Surface, noisy: SurfaceMap) -> None:
+def test_loose_parts_follow_rigidly(source: Surface, target: Surface, noisy: SurfaceMap) -> None:
     eye = ball(0.05, (0.9, 0, 0), count=40)
     both = Surface.joined([target, eye])
     images = SurfaceMap(
@@ -258,7 +256,7 @@ def test_loose_parts_go_along_as_they_are(source: Surface, target: Surface, nois
     )
     match = Given(images, np.append(np.ones(700), np.zeros(40)), None)
     found = wrap(match, source, both)
-    error, growth = form_error(found.vertices[700:], eye.vertices)
+    error, growth = shape_error(found.vertices[700:], eye.vertices)
     assert error < 1e-9
     assert 2 < growth < 6
     middle = TURN.inv().apply(found.vertices[700:].mean(axis=0) - [5.0, -2, 9])
@@ -267,10 +265,10 @@ def test_loose_parts_go_along_as_they_are(source: Surface, target: Surface, nois
     assert "Loose parts that follow as rigid pieces: 1." in found.notes
 
 
-def test_a_loose_part_with_images_goes_there_but_does_not_spin(source: Surface, target: Surface) -> None:
+def test_mapped_loose_part_moves_to_its_image_without_spinning(source: Surface, target: Surface) -> None:
     eye, socket = ball(0.05, (0.9, 0, 0), count=40), ball(0.3, (7.0, 1, 8), count=40)
     both, around = Surface.joined([target, eye]), Surface.joined([source, socket])
-    body = mapped(target.vertices, source)
+    body = map_directions(target.vertices, source)
     spun = Rotation.from_rotvec([0, 0, 2.5]).apply(eye.vertices - [0.9, 0, 0]) * 6 + [7.0, 1, 8]
     of_eye = closest_points(spun, socket.vertices, socket.triangles)
     images = SurfaceMap(
@@ -280,29 +278,31 @@ def test_a_loose_part_with_images_goes_there_but_does_not_spin(source: Surface, 
     )
     found = wrap(images, around, both).vertices[700:]
     assert np.abs(found.mean(axis=0) - [7.0, 1, 8]).max() < 0.02
-    assert form_error(found, eye.vertices)[1] == pytest.approx(6, rel=0.05)
+    assert shape_error(found, eye.vertices)[1] == pytest.approx(6, rel=0.05)
     turn = procrustes(eye.vertices, found).rotation
     assert np.degrees(Rotation.from_matrix(turn.T @ TURN.as_matrix()).magnitude()) < 15
 
 
-def test_a_mirrored_target_is_wrapped_as_it_is(source: Surface) -> None:
+def test_mirrored_target_is_wrapped_and_stays_mirrored(source: Surface) -> None:
     plain = ball(1, count=700, seed=3)
     mirrored = Surface(plain.vertices * [-1, 1, 1], plain.triangles[:, ::-1])
-    found = wrap(mapped(plain.vertices, source), source, mirrored)
+    found = wrap(map_directions(plain.vertices, source), source, mirrored)
     assert found.turned_over == 0
     assert off(found.vertices, source).max() < 1e-6
     assert inwards(found.vertices, mirrored) == len(mirrored.triangles)
 
 
-def test_units_and_places_do_not_matter(noisy: SurfaceMap, source: Surface, target: Surface, wrapped: Wrapped) -> None:
+def test_units_and_placement_do_not_matter(
+    noisy: SurfaceMap, source: Surface, target: Surface, wrapped: Wrapped
+) -> None:
     large = target.with_vertices(1000 * target.vertices + 7)
     shrunk = source.with_vertices(0.01 * source.vertices)
     found = wrap(noisy, shrunk, large).vertices
     assert np.abs(100 * found - wrapped.vertices).max() < 1e-5
 
 
-def test_the_match_turned_round_leads_back(source: Surface, target: Surface) -> None:
-    there = mapped(target.vertices, source)
+def test_reversed_match_maps_back(source: Surface, target: Surface) -> None:
+    there = map_directions(target.vertices, source)
     back = reverse_match(Given(there, np.full(700, 0.8)), source, target)
     true = TURN.inv().apply(source.vertices - [5.0, -2, 9])
     true /= np.linalg.norm(true, axis=1)[:, None]
@@ -314,16 +314,16 @@ def test_the_match_turned_round_leads_back(source: Surface, target: Surface) -> 
     assert other.turned_over == 0
 
 
-def test_the_match_of_a_mirrored_target_is_turned_round(source: Surface) -> None:
+def test_match_of_a_mirrored_target_is_reversed(source: Surface) -> None:
     plain = ball(1, count=700, seed=3)
     mirrored = Surface(plain.vertices * [-1, 1, 1], plain.triangles[:, ::-1])
-    back = reverse_match(mapped(plain.vertices, source), source, mirrored)
+    back = reverse_match(map_directions(plain.vertices, source), source, mirrored)
     true = TURN.inv().apply(source.vertices - [5.0, -2, 9]) * [-1, 1, 1]
     true /= np.linalg.norm(true, axis=1)[:, None]
     assert np.linalg.norm(back.surface_map.interpolate(mirrored.vertices) - true, axis=1).mean() < 0.06
 
 
-def test_a_vertex_of_no_face_goes_along(source: Surface, target: Surface, noisy: SurfaceMap) -> None:
+def test_unused_vertex_follows_the_mesh(source: Surface, target: Surface, noisy: SurfaceMap) -> None:
     beside = Surface(np.vstack([target.vertices, 1.2 * target.vertices[5]]), target.triangles)
     images = SurfaceMap(
         np.append(noisy.triangle, 0), np.vstack([noisy.barycentric, [1.0, 0, 0]]), noisy.source_triangles
@@ -334,12 +334,12 @@ def test_a_vertex_of_no_face_goes_along(source: Surface, target: Surface, noisy:
     assert 0.3 < np.linalg.norm(offset) < 1.2
 
 
-def test_wrong_maps_are_not_followed(source: Surface, target: Surface) -> None:
+def test_scrambled_patches_of_a_map_are_not_followed(source: Surface, target: Surface) -> None:
     """Where a patch of the map is scrambled, the first stages follow its surroundings."""
     patch = np.flatnonzero(target.vertices[:, 2] > 0.85)
     places = target.vertices.copy()
     places[patch] = places[np.random.default_rng(1).permutation(patch)]
-    scrambled = mapped(places, source)
+    scrambled = map_directions(places, source)
     true = 3 * TURN.apply(bumpy(target.vertices)) + [5.0, -2, 9]
 
     def error() -> float:
@@ -351,7 +351,7 @@ def test_wrong_maps_are_not_followed(source: Surface, target: Surface) -> None:
         assert trusted < error()
 
 
-def test_what_the_map_leaves_bare_draws_what_is_nearest(target: Surface) -> None:
+def test_uncovered_parts_of_the_source_attract_the_target(target: Surface) -> None:
     """The source has a horn, and the map stops at its base."""
     fine = ball(1, count=2500, seed=8)
     horn = 1 + np.maximum(0, fine.vertices[:, 0]) ** 30
@@ -360,7 +360,7 @@ def test_what_the_map_leaves_bare_draws_what_is_nearest(target: Surface) -> None
     near = places[:, 0] > 0.8
     turn = np.arctan2(places[near, 2], places[near, 1])
     places[near] = np.stack([np.full(len(turn), 0.8), 0.6 * np.cos(turn), 0.6 * np.sin(turn)], axis=1)
-    bare = mapped(places, source)
+    bare = map_directions(places, source)
 
     def reach() -> float:
         found = wrap(bare, source, target).vertices
@@ -377,7 +377,7 @@ def test_numbers_out_of_range_are_refused(wrong: dict, noisy: SurfaceMap, source
         wrap(noisy, source, target, **wrong)
 
 
-def test_what_leaves_nothing_is_refused(noisy: SurfaceMap, source: Surface, target: Surface) -> None:
+def test_empty_masks_and_invalid_landmarks_are_refused(noisy: SurfaceMap, source: Surface, target: Surface) -> None:
     with pytest.raises(MeshError, match="No part of the target"):
         wrap(noisy, source, target, mask=np.zeros(700))
     with pytest.raises(ValueError, match="on each side for every pair"):
@@ -386,7 +386,7 @@ def test_what_leaves_nothing_is_refused(noisy: SurfaceMap, source: Surface, targ
         wrap(noisy, source, target, landmarks=([1], [[np.nan, 0, 0]]))
 
 
-def test_normals_of_the_result_face_as_those_of_the_source(wrapped: Wrapped, source: Surface, target: Surface) -> None:
+def test_normals_of_the_result_agree_with_the_source(wrapped: Wrapped, source: Surface, target: Surface) -> None:
     normals = triangle_normals(wrapped.vertices, target.triangles)
     middles = wrapped.vertices[target.triangles].mean(axis=1)
     triangle, _ = closest_points(middles, source.vertices, source.triangles)

@@ -41,8 +41,8 @@ def test_similarities_are_lifted_exactly() -> None:
     assert np.abs(lifted - rest @ linear.T - 5).max() < 1e-9
 
 
-def test_what_touches_stays_on_its_own_copy() -> None:
-    """Of two balls inside each other, only the outer one moves."""
+def test_components_are_lifted_independently() -> None:
+    """Only the outer one of two concentric balls moves."""
     both = Surface.joined([BALL, BALL.with_vertices(0.98 * BALL.vertices)])
     coarse = Coarsening.of(both.vertices, both.triangles, 200)
     outer = coarse.vertices < 700
@@ -52,7 +52,7 @@ def test_what_touches_stays_on_its_own_copy() -> None:
     assert np.abs(lifted - both.vertices - np.repeat([3.0, 0.0], 700)[:, None]).max() < 1e-9
 
 
-def test_components_that_vanish_are_elsewhere() -> None:
+def test_vanished_components_take_the_fallback_positions() -> None:
     speck = BALL.with_vertices(1e-3 * BALL.vertices + 4)
     both = Surface.joined([BALL, speck])
     coarse = Coarsening.of(both.vertices, both.triangles, 100)
@@ -65,7 +65,7 @@ def test_components_that_vanish_are_elsewhere() -> None:
 
 
 @pytest.mark.parametrize("released", [False, True])
-def test_a_patch_solves_the_whole_system_nearby(released: bool) -> None:
+def test_patch_agrees_with_the_whole_system_nearby(released: bool) -> None:
     mesh, length = rest_mesh(), 0.03
     top = mesh.rest[:, 2] > 0.8 * mesh.rest[:, 2].max()
     some = np.flatnonzero(mesh.rest[:, 2] > 0)

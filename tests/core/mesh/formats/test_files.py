@@ -58,26 +58,26 @@ def assert_same_mesh(surface, vertices, faces):
     np.testing.assert_array_equal(surface.triangles, faces)
 
 
-def test_off_keeps_vertices_and_faces_as_in_the_file(tmp_path, shuffled_sphere):
+def test_off_keeps_the_order_of_vertices_and_faces(tmp_path, shuffled_sphere):
     (tmp_path / "a.off").write_text(off_text(*shuffled_sphere))
     assert_same_mesh(read_surface(tmp_path / "a.off"), *shuffled_sphere)
 
 
-def test_ply_keeps_vertices_that_share_several_texture_coordinates(tmp_path, shuffled_sphere):
+def test_ply_keeps_vertices_with_several_texture_coordinates(tmp_path, shuffled_sphere):
     vertices, faces = shuffled_sphere
     texcoord = np.random.default_rng(1).random((len(faces), 6))
     (tmp_path / "a.ply").write_bytes(ply_bytes(vertices, faces, texcoord))
     assert_same_mesh(read_surface(tmp_path / "a.ply"), vertices, faces)
 
 
-def test_obj_keeps_vertices_that_share_several_texture_coordinates_and_materials(tmp_path, shuffled_sphere):
+def test_obj_keeps_vertices_with_several_uvs_and_materials(tmp_path, shuffled_sphere):
     vertices, faces = shuffled_sphere
     texcoords = np.random.default_rng(1).random((faces.size, 2))
     (tmp_path / "a.obj").write_text(obj_text(vertices, faces, texcoords))
     assert_same_mesh(read_surface(tmp_path / "a.obj"), vertices, faces)
 
 
-def test_obj_keeps_polygons_and_understands_backward_numbers_and_split_lines(tmp_path):
+def test_obj_reads_polygons_negative_indices_and_continued_lines(tmp_path):
     (tmp_path / "a.OBJ").write_text(
         "o first\nv 0 0 0\nv\t1 0 0 0.5 0.5 0.5\nv 1 1 0\nv 0 1 0\nf -4 -3 \\\n -2 -1\n"
         "o second\nv 2 0 0\nv 2 1 0\n\n  f 2//1 -2//1 -1//1 3//1\nl 1 2\n"
@@ -102,7 +102,7 @@ def test_polygons_of_different_sizes_keep_their_vertices_and_area(tmp_path, name
     assert surface.area == pytest.approx((2.5 + 1.5 + 0.5) * np.sin(2 * np.pi / 5))
 
 
-def test_off_may_carry_colours_and_its_counts_in_the_first_line(tmp_path):
+def test_off_with_colours_and_counts_in_the_first_line_is_read(tmp_path):
     (tmp_path / "a.off").write_text(
         "COFF 4 1 5\n0 0 0 9 9 9 9\n1 0 0 9 9 9 9\n1 1 0 9 9 9 9\n0 1 0 9 9 9 9\n4 0 1 2 3 7 7 7"
     )
@@ -112,7 +112,7 @@ def test_off_may_carry_colours_and_its_counts_in_the_first_line(tmp_path):
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "binary_little_endian", "binary_big_endian"])
-def test_ply_is_read_in_every_encoding_with_lists_and_elements_that_are_of_no_interest(tmp_path, encoding):
+def test_ply_is_read_in_every_encoding_ignoring_other_elements(tmp_path, encoding):
     vertices = [[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [2, 0.5, 0]]
     faces = [[0, 1, 2, 3], [1, 4, 2]]
     header = f"""ply
@@ -155,7 +155,7 @@ def test_stl_keeps_the_corners_of_its_triangles(tmp_path, shuffled_sphere):
     assert len(surface.working.vertices) == len(vertices) - 1  # welded, without the unused vertex
 
 
-def test_a_scene_is_concatenated_in_the_order_of_the_file_with_its_transforms(tmp_path, shuffled_sphere):
+def test_scene_is_joined_in_file_order_with_its_transforms(tmp_path, shuffled_sphere):
     vertices, faces = shuffled_sphere
     meshes = [trimesh.Trimesh(vertices, faces, process=False), trimesh.creation.box(), trimesh.creation.box()]
     mirror = np.diag([-2.0, 1.0, 1.0, 1.0])
@@ -214,7 +214,7 @@ def test_a_cloud_has_the_normals_of_its_ply_file(tmp_path):
         ("thing.xyzzy", "what is this", "is not supported"),
     ],
 )
-def test_a_file_that_cannot_be_used_is_refused_in_one_sentence_that_names_it(tmp_path, name, content, sentence):
+def test_unusable_files_are_refused_by_name_in_one_sentence(tmp_path, name, content, sentence):
     (tmp_path / name).write_text(content)
     with pytest.raises(MeshError, match=sentence) as refusal:
         read_surface(tmp_path / name)
@@ -222,7 +222,7 @@ def test_a_file_that_cannot_be_used_is_refused_in_one_sentence_that_names_it(tmp
     assert name in str(refusal.value)
 
 
-def test_a_missing_file_is_named(tmp_path):
+def test_missing_files_and_folders_are_refused(tmp_path):
     for reader in (read_surface, read_point_cloud):
         with pytest.raises(MeshError, match=r"no file .*nowhere\.off"):
             reader(tmp_path / "nowhere.off")
@@ -231,13 +231,13 @@ def test_a_missing_file_is_named(tmp_path):
 
 
 @pytest.mark.parametrize("path", [None, 7, np.zeros((4, 3)), ["a.off"], b"a.off"])
-def test_what_is_no_path_is_refused_by_saying_what_is_wanted(path):
+def test_arguments_that_are_not_paths_are_refused(path):
     for reader in (read_surface, read_point_cloud):
         with pytest.raises(TypeError, match=r"a string or a path, not as a \w+\.$"):
             reader(path)
 
 
-def test_without_trimesh_the_message_says_how_to_get_it(tmp_path, monkeypatch, shuffled_sphere):
+def test_missing_trimesh_is_reported_with_how_to_install_it(tmp_path, monkeypatch, shuffled_sphere):
     vertices, faces = shuffled_sphere
     trimesh.Trimesh(vertices, faces, process=False).export(tmp_path / "a.stl")
     monkeypatch.setitem(sys.modules, "trimesh", None)
@@ -245,7 +245,7 @@ def test_without_trimesh_the_message_says_how_to_get_it(tmp_path, monkeypatch, s
         read_surface(tmp_path / "a.stl")
 
 
-def test_faces_at_a_vertex_that_is_not_a_number_are_left_out(tmp_path: Path) -> None:
+def test_faces_at_nan_vertices_are_left_out(tmp_path: Path) -> None:
     lines = ["v 0 0 0", "v 1 0 0", "v 1 1 0", "v nan 1 0", "f 1 2 3", "f 1 3 4"]
     (tmp_path / "torn.obj").write_text("\n".join(lines))
     surface = read_surface(tmp_path / "torn.obj")

@@ -69,7 +69,7 @@ def test_meshes_of_a_usd_stage_are_placed_and_joined(tmp_path: Path) -> None:
     assert np.cross(b - a, c - a)[2] > 0
 
 
-def test_faces_of_a_simulation_are_read(tmp_path: Path) -> None:
+def test_faces_of_a_vtk_file_are_read(tmp_path: Path) -> None:
     pytest.importorskip("meshio")
     path = tmp_path / "grid.vtk"
     path.write_text(VTK)
@@ -80,7 +80,7 @@ def test_faces_of_a_simulation_are_read(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("ending", [".usda", ".vtk"])
-def test_broken_files_are_refused_in_words(tmp_path: Path, ending: str) -> None:
+def test_broken_files_are_refused(tmp_path: Path, ending: str) -> None:
     pytest.importorskip("pxr" if ending == ".usda" else "meshio")
     path = tmp_path / f"broken{ending}"
     path.write_text("no mesh")
@@ -89,7 +89,9 @@ def test_broken_files_are_refused_in_words(tmp_path: Path, ending: str) -> None:
 
 
 @pytest.mark.parametrize(("ending", "package"), [(".usdz", "pxr"), (".msh", "meshio")])
-def test_what_is_missing_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ending: str, package: str) -> None:
+def test_missing_packages_are_named_with_their_extra(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ending: str, package: str
+) -> None:
     monkeypatch.setitem(sys.modules, package, None)
     path = tmp_path / f"mesh{ending}"
     path.write_text("")
@@ -97,7 +99,7 @@ def test_what_is_missing_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
         read_surface(path)
 
 
-def test_corners_are_turned_face_by_face() -> None:
+def test_winding_is_reversed_face_by_face() -> None:
     assert more_files._reverse_winding(np.array([0, 1, 2, 3, 4, 5, 6]), np.array([3, 4])).tolist() == [
         2,
         1,

@@ -33,20 +33,20 @@ def opening(vertices: np.ndarray, centre: tuple[float, float, float] = (0.0, 0.0
     return found
 
 
-def test_the_rims_are_where_the_socket_begins() -> None:
+def test_rims_are_at_the_edge_of_the_socket() -> None:
     found = opening(skin())
     np.testing.assert_allclose(found.across[[0, -1]], (-WIDTH, WIDTH), atol=3 * PIXEL)
     np.testing.assert_allclose(found.upper.max(), HEIGHT, atol=2 * PIXEL)
     np.testing.assert_allclose(found.lower.min(), -HEIGHT, atol=2 * PIXEL)
 
 
-def test_the_place_of_the_head_and_of_the_square_do_not_matter() -> None:
+def test_opening_does_not_depend_on_the_placement() -> None:
     moved = opening(skin() + np.array([3.0, 4.0, 5.0]), (3.04, 3.97, 5.1))
     np.testing.assert_allclose(moved.upper.max(), 4 + HEIGHT, atol=2 * PIXEL)
     np.testing.assert_allclose(moved.area, opening(skin()).area, rtol=0.1)
 
 
-def test_a_slit_beyond_the_corner_is_no_part_of_the_opening() -> None:
+def test_slit_beyond_the_corner_is_not_part_of_the_opening() -> None:
     vertices = skin()
     slit = (np.abs(vertices[:, 1]) < 0.01) & (np.abs(vertices[:, 0]) < 1.5 * WIDTH)
     vertices[slit, 2] = -0.4
@@ -66,11 +66,11 @@ def test_a_closed_eye_has_no_opening(depth: float) -> None:
 
 
 @pytest.mark.parametrize("height", [0.14, 0.2])
-def test_an_opening_that_is_too_high_to_be_closed_is_not_found_in_part(height: float) -> None:
+def test_opening_too_high_to_close_is_not_found(height: float) -> None:
     assert find_eye_opening(skin(0.25, height), TRIANGLES, np.zeros(3), HEAD) is None
 
 
-def test_there_is_no_opening_where_there_is_no_surface() -> None:
+def test_no_opening_is_found_without_a_surface() -> None:
     assert find_eye_opening(skin(), TRIANGLES, np.array([9.0, 0, 0]), HEAD) is None
 
 

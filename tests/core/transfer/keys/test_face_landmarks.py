@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Expression keys show where the corners of mouth and lids are, and the head's directions the rest."""
+"""Expression keys locate the corners of mouth and lids, and the head's directions locate the other landmarks."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ FACE = make_face()
 FOUND = zo.propose_face_landmarks(FACE.surface, FACE.keys)
 
 
-def test_corners_are_the_ends_of_the_slits() -> None:
+def test_corners_of_mouth_and_eyes_are_the_ends_of_slits() -> None:
     names = [name for name in FACE_LANDMARKS if "Corner" in name]
     assert [FOUND[name] for name in names] == FACE.corners
     assert list(FOUND) == list(FACE_LANDMARKS)
@@ -37,7 +37,7 @@ def test_nose_chin_lips_and_sides_are_extreme_points() -> None:
     assert vertices[FOUND["Right Ear"], 0] == vertices[:, 0].min()
 
 
-def test_which_vertices_are_visible_is_computed_once(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_visibility_is_computed_once(monkeypatch: pytest.MonkeyPatch) -> None:
     searches = []
 
     class Counted(cKDTree):
@@ -50,7 +50,7 @@ def test_which_vertices_are_visible_is_computed_once(monkeypatch: pytest.MonkeyP
     assert len(searches) == 1
 
 
-def test_neither_unit_nor_pose_nor_spelling_makes_a_difference() -> None:
+def test_landmarks_do_not_depend_on_unit_pose_or_spelling() -> None:
     turn = np.linalg.qr(np.random.default_rng(0).standard_normal((3, 3)))[0]
     turn *= np.sign(np.linalg.det(turn)) * 0.01
     keys = zo.Attribute(
@@ -63,7 +63,7 @@ def test_neither_unit_nor_pose_nor_spelling_makes_a_difference() -> None:
     assert zo.propose_face_landmarks(FACE.surface.with_vertices(FACE.surface.vertices @ turn.T + 5), keys) == FOUND
 
 
-def test_loose_parts_that_move_are_not_the_skin() -> None:
+def test_moving_loose_parts_are_not_taken_for_the_skin() -> None:
     """Teeth behind the mouth, which open as well."""
     teeth = zo.Surface([[-0.2, -0.6, -0.3], [0.2, -0.6, -0.3], [0.2, -0.5, -0.3], [-0.2, -0.5, -0.3]], [[0, 1, 2, 3]])
     both = zo.Surface.joined([FACE.surface, teeth])
@@ -74,7 +74,7 @@ def test_loose_parts_that_move_are_not_the_skin() -> None:
     assert zo.propose_face_landmarks(both, keys) == FOUND
 
 
-def test_keys_that_are_missing_or_open_nothing_are_named() -> None:
+def test_missing_and_ineffective_keys_are_reported() -> None:
     named = make_face(("eyeBlinkLeft", "eyeBlinkRight", "cheekPuff", "browDownLeft")).keys
     with pytest.raises(zo.MeshError, match="no shape key jawOpen"):
         zo.propose_face_landmarks(FACE.surface, named)
@@ -85,8 +85,8 @@ def test_keys_that_are_missing_or_open_nothing_are_named() -> None:
         zo.propose_face_landmarks(FACE.surface, fused)
 
 
-def test_landmarks_of_other_persons_are_the_same_vertices_within_millimetres(benchmark_data: Path) -> None:
-    """One topology for all persons, whose keys move them alike; and true landmarks of corners and lips."""
+def test_landmarks_agree_between_persons_within_millimetres(benchmark_data: Path) -> None:
+    """All persons share one topology and one set of keys; corners and lips have true landmarks."""
     data = dict(np.load(benchmark_data / "faces" / "ict.npz"))
     ends = np.cumsum(data["face_sizes"].astype(int))[:-1]
     faces = [face.tolist() for face in np.split(data["face_vertices"].astype(int), ends)]

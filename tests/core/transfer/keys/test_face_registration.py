@@ -23,7 +23,7 @@ VALUES[:, -1] = 0.1 * np.cos(PLACES)
 EXPRESSIONS = [VALUES[:, i] for i in range(3)]
 
 
-def mapped() -> MappedTarget:
+def map_to_wider_face() -> MappedTarget:
     """A slightly wider face, and a map that is off by smooth errors."""
     target = FACE.surface.with_vertices(PLACES * (1.05, 1.0, 1.0))
     off = 0.06 * np.column_stack([np.sin(5 * PLACES[:, 1]), np.sin(4 * PLACES[:, 0] + 1), 0 * PLACES[:, 0]])
@@ -39,33 +39,33 @@ def error(found: MappedTarget) -> float:
 
 @cache
 def registered_error() -> float:
-    return error(register_face(VALUES, EXPRESSIONS, mapped()))
+    return error(register_face(VALUES, EXPRESSIONS, map_to_wider_face()))
 
 
-def test_errors_of_the_map_shrink_on_the_face() -> None:
-    assert registered_error() < 0.7 * error(mapped())
+def test_registration_reduces_map_errors_on_the_face() -> None:
+    assert registered_error() < 0.7 * error(map_to_wider_face())
 
 
 @pytest.mark.parametrize(
     ("number", "value"), [("bending", (1e-12,) * 3), ("first_bending", 1e-12), ("iterations", 1), ("moved", 0.9)]
 )
-def test_images_are_farther_off_with_other_numbers(
+def test_tuned_numbers_reduce_map_errors(
     number: str, value: float | tuple[float, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     found = registered_error()
     other = replace(face_registration.FACE_REGISTRATION, **{number: value})
     monkeypatch.setattr(face_registration, "FACE_REGISTRATION", other)
-    assert found < 0.9 * error(register_face(VALUES, EXPRESSIONS, mapped()))
+    assert found < 0.9 * error(register_face(VALUES, EXPRESSIONS, map_to_wider_face()))
 
 
-def test_rims_meet_those_of_wider_eyes_and_mouths(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_rims_are_aligned_with_wider_eyes_and_mouths(monkeypatch: pytest.MonkeyPatch) -> None:
     x, y, _ = PLACES.T
     corners, blinks = FACE.corners[:2], VALUES[:, :2].sum(axis=1)
     wider = PLACES - 0.5 * blinks
     wider[:, 0] *= 1 + 0.2 * np.exp(-(((y - y[corners[0]]) / 0.3) ** 2) - (x / 0.6) ** 4)
     lids = np.linalg.norm(blinks, axis=1) > 0.05
     target = FACE.surface.with_vertices(wider)
-    other = replace(mapped(), target=target, surface_map=nearest_map(wider, FACE.surface))
+    other = replace(map_to_wider_face(), target=target, surface_map=nearest_map(wider, FACE.surface))
 
     def rim_errors() -> np.ndarray:
         """The mean distances of lids from their true height, and of the corners of the mouth from their true width."""
@@ -79,9 +79,9 @@ def test_rims_meet_those_of_wider_eyes_and_mouths(monkeypatch: pytest.MonkeyPatc
 
 
 @pytest.mark.filterwarnings("error")
-def test_lips_that_are_far_from_their_middle_follow_the_map(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_lips_far_from_their_middle_follow_the_map(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(face_registration, "find_lips", lambda *_: np.array([0.0, -0.5, 9.0]))
-    face = face_registration._Face.of(VALUES, EXPRESSIONS, mapped())
+    face = face_registration._Face.of(VALUES, EXPRESSIONS, map_to_wider_face())
     assert face is not None
     chosen, shifts = face._match_mouth(0 * face.mesh.vertices)
     assert (len(chosen), len(shifts)) == (0, 0)

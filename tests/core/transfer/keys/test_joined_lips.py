@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A transfer says so if the target's mouth cannot open."""
+"""A transfer reports a target whose mouth cannot open."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ def notes(target: zo.Surface, keys: zo.Attribute = FACE.keys) -> tuple[str, ...]
     return tuple(map(str, zo.transfer(keys, nearest, source, target).notes))
 
 
-def test_joined_lips_are_named_with_advice() -> None:
+def test_joined_lips_are_reported_with_advice() -> None:
     assert notes(make_face(joined=True).surface) == (JOINED_LIPS,)
 
 
-def test_lips_that_part_are_not_even_where_the_map_is_off_by_a_little() -> None:
+def test_lips_that_part_are_not_reported_despite_map_errors() -> None:
     assert notes(FACE.surface) == ()
     off = FACE.surface.vertices + np.random.default_rng(0).normal(0, 0.005, FACE.surface.vertices.shape)
     assert notes(FACE.surface.with_vertices(off)) == ()
 
 
 @pytest.mark.parametrize("names", [("a", "b", "c", "d"), ("browDownLeft", "browDownRight", "jawOpen", "mouthLeft")])
-def test_keys_of_unknown_names_say_nothing(names: tuple[str, ...]) -> None:
+def test_keys_of_unknown_names_are_not_checked(names: tuple[str, ...]) -> None:
     keys = zo.Attribute("keys", zo.Domain.POINT, zo.Kind.OFFSET, FACE.keys.values, names)
     assert notes(make_face(joined=True).surface, keys) == ()

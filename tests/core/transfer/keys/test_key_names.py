@@ -34,7 +34,7 @@ def test_a_convention_is_complete_and_recognised(convention: str) -> None:
     assert (same.composed, same.missing) == ({}, ())
 
 
-def test_sums_are_of_keys_that_their_convention_has() -> None:
+def test_sums_use_keys_of_their_convention() -> None:
     """The first keys of a cell are those that are written; other spellings, such as ARKit's split keys, are read."""
     for row in _expressions():
         for convention, cell in row.items():
@@ -42,8 +42,8 @@ def test_sums_are_of_keys_that_their_convention_has() -> None:
                 assert set(cell.sums[0]) <= set(zo.key_names(convention)) or convention == "arkit", cell
 
 
-def test_sides_have_their_partners() -> None:
-    """A row that is written for one side only would be an oversight of the table."""
+def test_keys_of_the_left_side_have_partners_on_the_right() -> None:
+    """A row for one side only would be an oversight in the table."""
     for left, right in (("Left", "Right"), ("left", "right")):
         for convention in ("arkit", "unified", "makehuman", "vrm1"):
             names = set(zo.key_names(convention))
@@ -63,7 +63,7 @@ def test_sides_have_their_partners() -> None:
         str.upper,
     ],
 )
-def test_spellings_and_prefixes_make_no_difference(spelling) -> None:  # type: ignore[no-untyped-def]
+def test_spellings_and_prefixes_do_not_matter(spelling) -> None:  # type: ignore[no-untyped-def]
     names = ["Basis", *(spelling(name) for name in ARKIT), "Corrective 12"]
     assert zo.recognise_key_names(names) == "arkit"
     assert zo.translate_key_names(names, "arkit").renamed == dict(zip(names[1:-1], ARKIT, strict=True))
@@ -81,7 +81,7 @@ def test_visemes_are_recognised_by_their_prefixes() -> None:
 
 
 @pytest.mark.parametrize("names", [[], ["a"], ["Key 1", "Key 2", "Smile"], ["jawOpen", "Muscle", "Fat", "Thin", "Old"]])
-def test_few_or_other_names_are_of_no_convention(names: list[str]) -> None:
+def test_few_or_unknown_names_match_no_convention(names: list[str]) -> None:
     assert zo.recognise_key_names(names) is None
     keys = zo.translate_key_names(names, "unified")
     assert (keys.sources, keys.renamed, keys.composed) == ((), {}, {})
@@ -127,7 +127,7 @@ def test_parts_of_a_present_expression_are_neither_added_nor_missing() -> None:
     assert zo.translate_key_names(parts, "arkit").composed == {"mouthSmileLeft": tuple(parts[:2])}
 
 
-def test_a_name_is_given_once_and_present_names_win() -> None:
+def test_each_name_is_given_once_and_existing_names_win() -> None:
     keys = zo.translate_key_names(["eyeBlink_L", "eyeBlinkLeft", "jaw_open", "JawOpen.001"], "arkit", "arkit")
     assert keys.renamed == {"eyeBlinkLeft": "eyeBlinkLeft", "jaw_open": "jawOpen"}
     assert zo.translate_key_names(["EyeClosedLeft", "eyeBlinkLeft"], "arkit", "unified").renamed == {
@@ -135,7 +135,7 @@ def test_a_name_is_given_once_and_present_names_win() -> None:
     }
 
 
-def test_there_and_back_is_the_same() -> None:
+def test_translating_back_restores_the_names() -> None:
     for convention in ("unified", "metahuman", "makehuman", "vrm0", "vrm1"):
         renamed = zo.translate_key_names(ARKIT, convention, "arkit").renamed
         back = zo.translate_key_names(list(renamed.values()), "arkit", convention).renamed
@@ -171,7 +171,7 @@ def test_an_unknown_convention_is_refused(call) -> None:  # type: ignore[no-unty
         call("ARKit")
 
 
-def test_names_that_were_recognised_are_not_parsed_again(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_recognised_names_are_not_parsed_again(monkeypatch: pytest.MonkeyPatch) -> None:
     names = list(zo.key_names("arkit"))
     found = zo.recognise_key_names(names)
     monkeypatch.setattr(key_names, "_join", None)

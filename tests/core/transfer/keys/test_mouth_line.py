@@ -60,7 +60,7 @@ def test_the_line_follows_the_crease_up_to_the_corners() -> None:
     np.testing.assert_array_equal(found.upper[inner], found.lower[inner])
 
 
-def test_lips_that_are_apart_have_two_rims() -> None:
+def test_parted_lips_have_two_rims() -> None:
     found = line(height=0.06)
     middle = np.abs(found.across) < 0.05
     np.testing.assert_allclose(found.upper[middle], 0.1, atol=3 * PIXEL)
@@ -68,7 +68,7 @@ def test_lips_that_are_apart_have_two_rims() -> None:
     np.testing.assert_allclose(found.corners, (-WIDTH, WIDTH), atol=0.04)
 
 
-def test_the_place_of_the_head_and_of_the_image_do_not_matter() -> None:
+def test_line_does_not_depend_on_the_placement() -> None:
     moved = find_mouth_line(skin() + np.array([3.0, 4.0, 5.0]), TRIANGLES, np.array([3.04, 3.97, 5.1]), HEAD)
     assert moved is not None
     np.testing.assert_allclose(np.subtract(moved.corners, 3), (-WIDTH, WIDTH), atol=0.04)
@@ -76,7 +76,7 @@ def test_the_place_of_the_head_and_of_the_image_do_not_matter() -> None:
     np.testing.assert_allclose(moved.upper[middle], 4.04, atol=2 * PIXEL)
 
 
-def test_a_level_skin_has_no_line() -> None:
+def test_flat_skin_has_no_line() -> None:
     level = skin() * (1, 1, 0)
     assert find_mouth_line(level, TRIANGLES, np.zeros(3), HEAD) is None
     assert find_mouth_line(level, TRIANGLES, np.array([9.0, 0, 0]), HEAD) is None
@@ -109,7 +109,7 @@ def test_mouths_of_very_different_width_do_not_correspond() -> None:
 
 
 @pytest.mark.parametrize(("opens", "found"), [(True, True), (False, False)])
-def test_lips_are_where_the_motion_of_the_jaw_jumps(opens: bool, found: bool) -> None:
+def test_lips_are_found_where_the_motion_of_the_jaw_jumps(opens: bool, found: bool) -> None:
     vertices = skin()
     below = vertices[:, 1] < bow(vertices[:, 0])
     motion = np.where(below, 1.0, 0.1) if opens else np.clip(0.5 - vertices[:, 1], 0, 1)
@@ -120,14 +120,14 @@ def test_lips_are_where_the_motion_of_the_jaw_jumps(opens: bool, found: bool) ->
 
 
 @pytest.mark.parametrize(("size", "jaw"), [(1e-17, -0.3), (1.0, 0.29), (1.0, 0.5)])
-def test_eyes_at_one_place_and_a_jaw_between_the_eyes_have_no_lips(size: float, jaw: float) -> None:
+def test_coincident_eyes_or_a_jaw_between_them_have_no_lips(size: float, jaw: float) -> None:
     vertices = skin()
     motion = np.where(vertices[:, 1] < bow(vertices[:, 0]), 1.0, 0.1)
     places = np.array([0, 0.3, 0]), np.array([0, jaw, 0])
     assert find_lips(vertices, TRIANGLES, motion, places, replace(HEAD, size=size)) is None
 
 
-def test_no_path_has_a_larger_sum() -> None:
+def test_best_path_has_the_largest_sum() -> None:
     values = np.random.default_rng(0).random((5, 4))
     column = np.arange(5)
     paths = [np.array(rows) for rows in product(range(4), repeat=5) if (np.abs(np.diff(rows)) < 2).all()]

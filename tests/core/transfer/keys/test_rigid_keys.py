@@ -27,7 +27,7 @@ def jaw(points: np.ndarray) -> np.ndarray:
     return Rotation.from_euler("x", 25, degrees=True).apply(points - pivot) + pivot - points
 
 
-def scattered(seed: int) -> SurfaceMap:
+def scatter_teeth(seed: int) -> SurfaceMap:
     """The identity, but on the teeth each vertex is mapped to another one of the same tooth, up to 0.1 away."""
     random = np.random.default_rng(seed)
     vertex = np.arange(len(SOURCE.vertices))
@@ -38,7 +38,7 @@ def scattered(seed: int) -> SurfaceMap:
     return SurfaceMap.from_vertices(vertex, SOURCE)
 
 
-def carried(offsets: np.ndarray, surface_map: SurfaceMap, target: Surface) -> np.ndarray:
+def transfer_keys(offsets: np.ndarray, surface_map: SurfaceMap, target: Surface) -> np.ndarray:
     attribute = Attribute("keys", Domain.POINT, Kind.OFFSET, offsets[:, None])
     return np.asarray(transfer(attribute, surface_map, SOURCE, target).values)[:, 0]
 
@@ -49,16 +49,16 @@ def bend(vertices: np.ndarray, offsets: np.ndarray) -> float:
     return float(np.linalg.norm(motion(vertices) - vertices - offsets, axis=1).max())
 
 
-def test_teeth_make_the_jaw_s_motion_on_a_turned_and_grown_head() -> None:
+def test_teeth_follow_the_jaw_on_a_turned_and_scaled_head() -> None:
     offsets = np.where((TOOTH > 0)[:, None] | (SOURCE.vertices[:, [2]] < 0), jaw(SOURCE.vertices), 0)
     target = SOURCE.with_vertices(2 * SOURCE.vertices @ TURN.T + 5)
-    found, truth = carried(offsets, scattered(0), target), 2 * offsets @ TURN.T
+    found, truth = transfer_keys(offsets, scatter_teeth(0), target), 2 * offsets @ TURN.T
     teeth = TOOTH > 0
     assert bend(target.vertices[teeth], found[teeth]) < 1e-9
     assert np.linalg.norm(found - truth, axis=1)[teeth].max() < 0.05 * np.linalg.norm(truth, axis=1)[teeth].max()
 
 
-def test_a_round_part_turns_as_the_body_beside_it_however_it_is_mapped() -> None:
+def test_round_parts_turn_with_the_body_however_they_are_mapped() -> None:
     eye, centre = TOOTH == 2, TEETH[1].vertices.mean(axis=0)
     offsets = np.zeros_like(SOURCE.vertices)
     offsets[eye] = Rotation.from_euler("y", 20, degrees=True).apply(SOURCE.vertices[eye] - centre) + centre
@@ -67,7 +67,7 @@ def test_a_round_part_turns_as_the_body_beside_it_however_it_is_mapped() -> None
     vertex = np.arange(len(SOURCE.vertices))
     turned = Rotation.from_euler("x", 90, degrees=True).apply(SOURCE.vertices[eye] - centre) + centre
     vertex[eye] = np.flatnonzero(eye)[np.linalg.norm(SOURCE.vertices[eye][:, None] - turned, axis=2).argmin(axis=0)]
-    found = carried(offsets, SurfaceMap.from_vertices(vertex, SOURCE), SOURCE)
+    found = transfer_keys(offsets, SurfaceMap.from_vertices(vertex, SOURCE), SOURCE)
     assert np.linalg.norm(found - offsets, axis=1)[eye].max() < 0.1 * np.linalg.norm(offsets, axis=1).max()
 
 
@@ -85,13 +85,13 @@ def jaw_of_head(vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize("mirror", [1.0, -1.0])
-def test_parts_of_a_skull_move_in_its_frame_and_not_in_that_of_the_skin(mirror: float) -> None:
+def test_parts_of_a_skull_move_in_its_frame_not_that_of_the_skin(mirror: float) -> None:
     side = np.array([mirror, 1, 1])
     offsets, found = jaw_of_head(side * np.where(INSIDE[:, None], SKULL.vertices, SKULL.vertices @ TURN.T))
     assert np.linalg.norm(found - side * offsets, axis=1).max() < 0.01 * np.linalg.norm(offsets, axis=1).max()
 
 
-def test_parts_that_are_no_rigid_frame_move_like_the_body_beside_them() -> None:
+def test_parts_without_a_rigid_frame_move_like_the_body() -> None:
     vertices = SKULL.vertices.copy()
     vertices[-200:] += 0.8, 0, 0  # the eye is elsewhere
     offsets, found = jaw_of_head(vertices @ TURN.T)
@@ -99,10 +99,10 @@ def test_parts_that_are_no_rigid_frame_move_like_the_body_beside_them() -> None:
 
 
 @pytest.mark.parametrize("part", [1, 3])
-def test_what_a_key_bends_or_leaves_in_place_is_not_rigid(part: int) -> None:
+def test_parts_that_a_key_bends_or_leaves_in_place_are_not_rigid(part: int) -> None:
     mine = part == TOOTH
     offsets = np.zeros_like(SOURCE.vertices)
     offsets[mine] = 0.1 * np.sin(20 * SOURCE.vertices[mine])
-    found = carried(offsets, identity(SOURCE), SOURCE)
+    found = transfer_keys(offsets, identity(SOURCE), SOURCE)
     assert np.linalg.norm(found - offsets) < 0.05 * np.linalg.norm(offsets)
     assert not found[~mine].any()

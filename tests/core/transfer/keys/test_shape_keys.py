@@ -39,7 +39,7 @@ def straight() -> Sheet:
     return sheet(tube, 97, 61, jitter=0.2, twist=0.05, sides=3, seed=1)
 
 
-def bent(points: np.ndarray, angle: float = 1.2) -> np.ndarray:
+def bend_tube(points: np.ndarray, angle: float = 1.2) -> np.ndarray:
     """Bend points (..., 3) around the z axis along an arc."""
     radius = 4 / angle
     turn = points[..., 2] / radius
@@ -47,7 +47,7 @@ def bent(points: np.ndarray, angle: float = 1.2) -> np.ndarray:
     return np.stack([radius - reach * np.cos(turn), points[..., 1], reach * np.sin(turn)], axis=-1)
 
 
-def moved(surface: Surface, vertices: np.ndarray) -> Surface:
+def with_positions(surface: Surface, vertices: np.ndarray) -> Surface:
     """The same mesh with other vertices."""
     return Surface.from_corners(vertices, surface.corner_vertex, surface.face_start, surface.triangle_corners)
 
@@ -58,8 +58,10 @@ def bump(points: np.ndarray, centre: tuple[float, float, float], radius: float) 
     return np.where(distance < 1, (1 - distance**2) ** 2, 0)
 
 
-def turned(points: np.ndarray, share: np.ndarray, axis: tuple[float, float, float], angle: float) -> np.ndarray:
-    """(n, 3) displacements when each point makes its share of a rotation around the tube's centre."""
+def rotate_by_share(
+    points: np.ndarray, share: np.ndarray, axis: tuple[float, float, float], angle: float
+) -> np.ndarray:
+    """(n, 3) displacements by each point's share of a rotation around the tube's centre."""
     around = points - (0, 0, 2)
     return Rotation.from_rotvec(share[:, None] * angle * np.array(axis)).apply(around) - around
 
@@ -74,8 +76,8 @@ def keys(points: np.ndarray) -> dict[str, np.ndarray]:
         "bulge": 0.3 * here * outward,
         "slide": here * (0, 0.3, 0.2),
         "inflate": 0.1 * outward,
-        "twist": turned(points, bump(points * (0, 0, 1), (0, 0, 2), 1.5), (0, 0, 1), 1.0),
-        "nod": turned(points, upper, (0, 1, 0), 0.7),
+        "twist": rotate_by_share(points, bump(points * (0, 0, 1), (0, 0, 2), 1.5), (0, 0, 1), 1.0),
+        "nod": rotate_by_share(points, upper, (0, 1, 0), 0.7),
     }
 
 
@@ -90,7 +92,7 @@ def dents(points: np.ndarray, centre: tuple[float, float, float]) -> np.ndarray:
     return np.asarray(here * np.array([[-0.2, 0.1, 0], [0.1, 0.1, 0.3]]))
 
 
-def carried(values: np.ndarray, match: object, source: Surface, target: Surface) -> Attribute:
+def transfer_keys(values: np.ndarray, match: object, source: Surface, target: Surface) -> Attribute:
     return transfer(Attribute("keys", Domain.POINT, Kind.OFFSET, values), match, source, target)
 
 
@@ -99,51 +101,51 @@ def errors(values: np.ndarray, truth: np.ndarray) -> np.ndarray:
     return np.sqrt(((values - truth) ** 2).sum(axis=(0, 2)) / (truth**2).sum(axis=(0, 2)))
 
 
-def test_keys_turn_and_grow_with_a_target_that_is_turned_and_grown(source: Sheet, straight: Sheet) -> None:
-    target = moved(straight.surface, 2.5 * straight.surface.vertices @ TURN.T + (3, 0, -7))
+def test_keys_rotate_and_scale_with_the_target(source: Sheet, straight: Sheet) -> None:
+    target = with_positions(straight.surface, 2.5 * straight.surface.vertices @ TURN.T + (3, 0, -7))
     surface_map = true_map(source, *GRID, straight.parameters)
     values = offsets(source.surface.vertices)
     expected = 2.5 * surface_map.interpolate(values) @ TURN.T
-    assert errors(carried(values, surface_map, source.surface, target).values, expected).max() < 0.02
+    assert errors(transfer_keys(values, surface_map, source.surface, target).values, expected).max() < 0.02
 
 
-def test_on_the_same_mesh_keys_stay_what_they_are(source: Sheet) -> None:
+def test_identity_returns_the_keys(source: Sheet) -> None:
     values = offsets(source.surface.vertices)
-    result = carried(values, identity(source.surface), source.surface, source.surface)
+    result = transfer_keys(values, identity(source.surface), source.surface, source.surface)
     assert errors(result.values, values).max() < 1e-3
     assert result.notes == ()
 
 
-def test_keys_follow_a_bent_target_where_plain_offsets_do_not(source: Sheet, straight: Sheet) -> None:
+def test_keys_follow_a_bent_target_unlike_plain_offsets(source: Sheet, straight: Sheet) -> None:
     points = straight.surface.vertices
-    target = moved(straight.surface, bent(points) @ TURN.T)
+    target = with_positions(straight.surface, bend_tube(points) @ TURN.T)
     surface_map = true_map(source, *GRID, straight.parameters)
     values = offsets(source.surface.vertices)
     # The key moves the straight tube, then the tube is bent.
-    truth = (bent(points[:, None] + offsets(points)) - bent(points)[:, None]) @ TURN.T
-    result = errors(carried(values, surface_map, source.surface, target).values, truth)
+    truth = (bend_tube(points[:, None] + offsets(points)) - bend_tube(points)[:, None]) @ TURN.T
+    result = errors(transfer_keys(values, surface_map, source.surface, target).values, truth)
     plain = errors(surface_map.interpolate(values), truth)
     assert result.max() < 0.25
     assert result.mean() < plain.mean() / 5
 
 
-def test_what_a_key_leaves_alone_stays_exactly_where_it_is(source: Sheet, straight: Sheet) -> None:
-    target = moved(straight.surface, bent(straight.surface.vertices))
+def test_vertices_that_no_key_moves_stay_exactly_in_place(source: Sheet, straight: Sheet) -> None:
+    target = with_positions(straight.surface, bend_tube(straight.surface.vertices))
     surface_map = true_map(source, *GRID, straight.parameters)
     values = offsets(source.surface.vertices)
     noise = np.random.default_rng(0).normal(scale=1e-6, size=values.shape)
     for given in (values, values + noise):
-        result = carried(given, surface_map, source.surface, target).values
+        result = transfer_keys(given, surface_map, source.surface, target).values
         still = surface_map.interpolate(np.abs(values).max(axis=2) > 1e-9) == 0
         assert still[:, :2].mean() > 0.8
         assert (result[still] == 0).all()
 
 
-def test_the_border_of_what_moves_has_no_step(source: Sheet, straight: Sheet) -> None:
-    target = moved(straight.surface, bent(straight.surface.vertices))
+def test_motion_has_no_step_at_its_border(source: Sheet, straight: Sheet) -> None:
+    target = with_positions(straight.surface, bend_tube(straight.surface.vertices))
     surface_map = true_map(source, *GRID, straight.parameters)
     values = keys(source.surface.vertices)["bulge"][:, None]
-    length = np.linalg.norm(carried(values, surface_map, source.surface, target).values, axis=2)[:, 0]
+    length = np.linalg.norm(transfer_keys(values, surface_map, source.surface, target).values, axis=2)[:, 0]
     triangles = target.triangles
     border = (length[triangles] > 0).any(axis=1) & (length[triangles] == 0).any(axis=1)
     assert border.any()
@@ -164,7 +166,7 @@ def test_parts_without_an_anchor_do_not_drift(source: Sheet, straight: Sheet) ->
     )
     values = np.zeros((2 * len(one.vertices), 1, 3))
     values[len(one.vertices) :] = 0.2, 0.5, -0.1
-    result = carried(values, surface_map, both, target).values[:, 0]
+    result = transfer_keys(values, surface_map, both, target).values[:, 0]
     half = len(other.vertices)
     assert (result[:half] == 0).all()
     np.testing.assert_allclose(result[half:], np.broadcast_to(TURN @ (0.2, 0.5, -0.1), (half, 3)), atol=0.01)
@@ -175,9 +177,9 @@ def _twice(surface: Surface) -> list[list[int]]:
     return [face.tolist() for face in [*faces, *(face + len(surface.vertices) for face in faces)]]
 
 
-def test_where_the_match_is_doubtful_keys_follow_their_surroundings(source: Sheet, straight: Sheet) -> None:
+def test_keys_of_doubtful_vertices_follow_their_surroundings(source: Sheet, straight: Sheet) -> None:
     points = straight.surface.vertices
-    target = moved(straight.surface, points @ TURN.T)
+    target = with_positions(straight.surface, points @ TURN.T)
     surface_map = true_map(source, *GRID, straight.parameters)
     values = offsets(source.surface.vertices)
     truth = surface_map.interpolate(values) @ TURN.T
@@ -187,8 +189,8 @@ def test_where_the_match_is_doubtful_keys_follow_their_surroundings(source: Shee
     triangle = surface_map.triangle.copy()
     triangle[wrong] = np.random.default_rng(0).permutation(len(source.surface.triangles))[: wrong.sum()]
     torn = SurfaceMap(triangle, surface_map.barycentric, source.surface.triangles)
-    result = carried(values, Match(torn, confidence), source.surface, target)
-    blind = carried(values, torn, source.surface, target)
+    result = transfer_keys(values, Match(torn, confidence), source.surface, target)
+    blind = transfer_keys(values, torn, source.surface, target)
     assert errors(result.values[wrong], truth[wrong]).max() < 0.35
     assert errors(result.values[wrong], truth[wrong]).mean() < errors(blind.values[wrong], truth[wrong]).mean() / 3
     assert errors(result.values[~wrong], truth[~wrong]).max() < 0.05
@@ -200,7 +202,7 @@ def test_a_mirrored_target_takes_mirrored_keys() -> None:
     surface, _ = globe(60, 40)
     mirrored = Surface(surface.vertices * (-1, 1, 1), [face[::-1].tolist() for face in _faces(surface)])
     values = dents(surface.vertices, (0.8, 0.6, 0))
-    result = carried(values, identity(surface), surface, mirrored).values
+    result = transfer_keys(values, identity(surface), surface, mirrored).values
     assert errors(result, values * (-1, 1, 1)).max() < 0.02
 
 
@@ -216,13 +218,13 @@ def wobbly(source: Sheet, straight: Sheet, size: float) -> SurfaceMap:
 def error_on_bent(source: Sheet, straight: Sheet, surface_map: SurfaceMap, angle: float) -> float:
     """The mean error of the keys on the tube bent by an angle."""
     points = straight.surface.vertices
-    target = moved(straight.surface, bent(points, angle))
-    truth = bent(points[:, None] + offsets(points), angle) - bent(points, angle)[:, None]
+    target = with_positions(straight.surface, bend_tube(points, angle))
+    truth = bend_tube(points[:, None] + offsets(points), angle) - bend_tube(points, angle)[:, None]
     values = offsets(source.surface.vertices)
-    return float(errors(carried(values, surface_map, source.surface, target).values, truth).mean())
+    return float(errors(transfer_keys(values, surface_map, source.surface, target).values, truth).mean())
 
 
-def test_errors_of_a_map_hardly_turn_keys(source: Sheet, straight: Sheet, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_map_errors_hardly_rotate_keys(source: Sheet, straight: Sheet, monkeypatch: pytest.MonkeyPatch) -> None:
     surface_map = wobbly(source, straight, 0.1)
     steady = error_on_bent(source, straight, surface_map, 1e-6)
     monkeypatch.setattr(Frames, "steady_turns", Frames.turns)
@@ -230,19 +232,19 @@ def test_errors_of_a_map_hardly_turn_keys(source: Sheet, straight: Sheet, monkey
 
 
 @pytest.mark.parametrize(("angle", "small"), [(8.0, True), (30.0, False)])
-def test_only_a_small_turn_between_alike_shapes_is_taken_for_a_difference_of_shape(
+def test_only_small_turns_of_similar_shapes_leave_keys_unrotated(
     angle: float, small: bool, source: Sheet, straight: Sheet, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # A head whose forehead recedes further looks like one that is turned; turned much further, it is.
     turn = Rotation.from_rotvec([np.radians(angle), 0, 0]).as_matrix()
-    target = moved(straight.surface, straight.surface.vertices @ turn.T)
+    target = with_positions(straight.surface, straight.surface.vertices @ turn.T)
     surface_map = true_map(source, *GRID, straight.parameters)
     upright = offsets(straight.surface.vertices)
 
     truth = upright if small else upright @ turn.T
 
     def error() -> float:
-        values = carried(offsets(source.surface.vertices), surface_map, source.surface, target).values
+        values = transfer_keys(offsets(source.surface.vertices), surface_map, source.surface, target).values
         return float(errors(values, truth).mean())
 
     found = error()
@@ -255,7 +257,7 @@ def test_only_a_small_turn_between_alike_shapes_is_taken_for_a_difference_of_sha
 @pytest.mark.parametrize(
     ("number", "value", "size", "angle"), [("excess", 10.0, 0.0, 0.6), ("deviation", 1.0, 0.06, 1.2)]
 )
-def test_keys_turn_with_a_bend(
+def test_keys_rotate_with_a_bent_target(
     number: str,
     value: float,
     size: float,
@@ -271,9 +273,7 @@ def test_keys_turn_with_a_bend(
 
 
 @pytest.mark.parametrize(("number", "value"), [("deviation", 100.0), ("smoothing_length", 1e-6)])
-def test_lips_are_hardly_torn_where_the_map_swaps_them(
-    number: str, value: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_lips_swapped_by_the_map_are_hardly_torn(number: str, value: float, monkeypatch: pytest.MonkeyPatch) -> None:
     # Two plates, as close together as lips, part; the map is off by the length of an edge.
     lower = plate(40, 20, width=2.0)
     lips = Surface.joined([lower, lower.with_vertices(lower.vertices + np.array([0, 1.02, 0]))])
@@ -284,7 +284,9 @@ def test_lips_are_hardly_torn_where_the_map_swaps_them(
     edges = unique_edges(lips.triangles)[0]
 
     def longest() -> float:
-        return float(edge_lengths(lips.vertices + carried(values, surface_map, lips, lips).values[:, 0], edges).max())
+        return float(
+            edge_lengths(lips.vertices + transfer_keys(values, surface_map, lips, lips).values[:, 0], edges).max()
+        )
 
     found = longest()
     monkeypatch.setattr(shape_keys, "SHAPE_KEYS", replace(shape_keys.SHAPE_KEYS, **{number: value}))
@@ -295,18 +297,18 @@ def test_keys_that_cancel_on_the_source_cancel_on_the_target(source: Sheet, stra
     surface_map = wobbly(source, straight, 0.1)
     first = offsets(source.surface.vertices)[:, :1]
     values = np.concatenate([first, -first], axis=1)
-    found = carried(values, surface_map, source.surface, straight.surface).values
+    found = transfer_keys(values, surface_map, source.surface, straight.surface).values
     assert np.abs(found.sum(axis=1)).max() < 1e-12
 
 
-def test_a_sheet_wound_the_other_way_takes_the_same_keys() -> None:
+def test_sheet_of_reversed_winding_takes_the_same_keys() -> None:
     body, lash = globe(30, 20)[0], plate(12, 4, width=0.8, height=0.2)
     lash = lash.with_vertices(lash.vertices + np.array([0, 0, 2]))
     source = Surface.joined([body, lash])
     target = Surface.joined([body, Surface(lash.vertices, lash.triangles[:, ::-1])])
     values = np.zeros((len(source.vertices), 1, 3))
     values[len(body.vertices) :] = 0.1, 0.2, 0.3
-    found = carried(values, identity(source), source, target).values
+    found = transfer_keys(values, identity(source), source, target).values
     assert errors(found, values).max() < 0.02
 
 
@@ -314,27 +316,27 @@ def _faces(surface: Surface) -> list[np.ndarray]:
     return np.split(surface.corner_vertex, surface.face_start[1:-1])
 
 
-def test_polygons_loose_vertices_and_split_edges_do_no_harm(source: Sheet) -> None:
+def test_polygons_loose_vertices_and_split_edges_are_supported(source: Sheet) -> None:
     hexagons = sheet(tube, 60, 40, sides=6)
     surface_map = true_map(source, *GRID, hexagons.parameters)
     values = offsets(source.surface.vertices)
-    whole = carried(values, surface_map, source.surface, hexagons.surface).values
+    whole = transfer_keys(values, surface_map, source.surface, hexagons.surface).values
     assert errors(whole, offsets(hexagons.surface.vertices)).max() < 0.05
 
     split, was = split_at_faces(hexagons.surface)
     split_map = true_map(source, *GRID, hexagons.parameters[was])
-    assert np.abs(carried(values, split_map, source.surface, split).values - whole[was]).max() < 1e-9
+    assert np.abs(transfer_keys(values, split_map, source.surface, split).values - whole[was]).max() < 1e-9
 
     beside = np.array([20, 21, 22])
     more = np.concatenate([hexagons.surface.vertices, hexagons.surface.vertices[beside] + 0.01])
     loose = Surface.from_corners(more, hexagons.surface.corner_vertex, hexagons.surface.face_start)
     ids = np.append(np.arange(len(whole)), beside)
     loose_map = true_map(source, *GRID, hexagons.parameters[ids])
-    result = carried(values, loose_map, source.surface, loose).values
+    result = transfer_keys(values, loose_map, source.surface, loose).values
     assert errors(result[-3:], whole[beside]).max() < 0.1
 
 
-def test_fins_and_faces_without_an_area_do_no_harm(straight: Sheet) -> None:
+def test_fins_and_degenerate_faces_are_supported(straight: Sheet) -> None:
     source = sheet(torus, 60, 40)
     mesh = sheet(torus, 47, 31, jitter=0.2, sides=3, seed=2)
     points = np.concatenate([mesh.surface.vertices, [[5, 5, 5]]])
@@ -342,35 +344,33 @@ def test_fins_and_faces_without_an_area_do_no_harm(straight: Sheet) -> None:
     target = Surface(points, [face.tolist() for face in faces])
     surface_map = true_map(source, 60, 40, np.concatenate([mesh.parameters, mesh.parameters[:1]]))
     values = dents(source.surface.vertices, (2, 0, 1))
-    result = carried(values, surface_map, source.surface, target).values
+    result = transfer_keys(values, surface_map, source.surface, target).values
     assert np.isfinite(result).all()
     assert errors(result[:-1], dents(mesh.surface.vertices, (2, 0, 1))).max() < 0.3
 
 
-def test_many_keys_are_carried_in_parts_with_the_same_result(
-    source: Sheet, straight: Sheet, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_block_size_does_not_change_results(source: Sheet, straight: Sheet, monkeypatch: pytest.MonkeyPatch) -> None:
     surface_map = true_map(source, *GRID, straight.parameters)
     values = offsets(source.surface.vertices).astype(np.float32)
-    together = carried(values, surface_map, source.surface, straight.surface).values
+    together = transfer_keys(values, surface_map, source.surface, straight.surface).values
     monkeypatch.setattr(shape_keys, "KEYS_AT_ONCE", 2)
-    apart = carried(values, surface_map, source.surface, straight.surface).values
+    apart = transfer_keys(values, surface_map, source.surface, straight.surface).values
     assert together.dtype == np.float32
     np.testing.assert_allclose(apart, together, atol=1e-6)
 
 
-def test_keys_that_move_nothing_arrive_and_move_nothing(source: Sheet, straight: Sheet) -> None:
+def test_empty_keys_stay_empty(source: Sheet, straight: Sheet) -> None:
     surface_map = true_map(source, *GRID, straight.parameters)
     values = np.zeros((len(source.parameters), 2, 3))
-    assert not carried(values, surface_map, source.surface, straight.surface).values.any()
+    assert not transfer_keys(values, surface_map, source.surface, straight.surface).values.any()
     values[:, 0] = offsets(source.surface.vertices)[:, 0]
-    result = carried(values, surface_map, source.surface, straight.surface).values
+    result = transfer_keys(values, surface_map, source.surface, straight.surface).values
     assert result[:, 0].any()
     assert not result[:, 1].any()
 
 
-def test_conforming_lays_the_target_onto_the_source(source: Sheet, straight: Sheet) -> None:
-    target = moved(straight.surface, 0.5 * bent(straight.surface.vertices) + (8, 0, 0))
+def test_conforming_moves_the_target_onto_the_source(source: Sheet, straight: Sheet) -> None:
+    target = with_positions(straight.surface, 0.5 * bend_tube(straight.surface.vertices) + (8, 0, 0))
     surface_map = true_map(source, *GRID, straight.parameters)
     images = surface_map.interpolate(source.surface.vertices)
     np.testing.assert_allclose(conform(surface_map, source.surface, target), images, atol=1e-9)

@@ -29,7 +29,7 @@ def growth_of_key(scale: float | np.ndarray, names: tuple[str, ...] = ARKIT) -> 
     return float(now / before)
 
 
-def test_expressions_are_as_long_on_another_person() -> None:
+def test_expressions_keep_their_length_on_another_person() -> None:
     assert growth_of_key(OTHER) == pytest.approx(1, abs=0.04)
 
 
@@ -46,14 +46,14 @@ def test_other_keys_grow_with_any_shape() -> None:
 
 
 @pytest.mark.parametrize(("number", "value"), [("same_size", 1.01), ("same_shape", 0.5)])
-def test_with_other_numbers_expressions_grow_with_another_person(
+def test_tuned_numbers_keep_expressions_from_growing(
     number: str, value: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(frames, "FRAMES", replace(frames.FRAMES, **{number: value}))
     assert growth_of_key(OTHER) > 1.07
 
 
-def test_a_rigid_part_of_another_person_moves_as_far_without_a_change_of_its_shape() -> None:
+def test_rigid_parts_of_another_person_move_as_far_and_stay_rigid() -> None:
     tooth = ball(0.2, (0, -0.5, -1.0), count=200)
     source = Surface.joined([FACE.surface, tooth])
     inside = np.arange(len(source.vertices)) >= len(FACE.surface.vertices)

@@ -24,7 +24,7 @@ def _estimate(surface, moved, weights=None, trust=None, parents=PARENTS):
 
 
 @pytest.mark.parametrize("first", [(60, 0, 30), (0, 0, 150), (-120, 40, 0)])
-def test_transforms_are_found_again(first):
+def test_transforms_are_recovered(first):
     surface, transforms = tube(), bend(first)
     pose = _estimate(surface, pose_surface(surface, transforms).vertices + np.array([3.0, -2.0, 10.0]))
     assert _angles(pose.transforms, transforms).max() < 1e-3
@@ -32,7 +32,7 @@ def test_transforms_are_found_again(first):
     assert pose.scale == 1
 
 
-def test_a_common_scale_is_found_and_a_small_one_is_taken_for_none():
+def test_common_scale_is_found_and_one_near_unity_is_ignored():
     surface = tube()
     for scale, found in ((1.6, 1.6), (0.3, 0.3), (1.01, 1.0)):
         pose = _estimate(surface, pose_surface(surface, bend(scale=scale)).vertices)
@@ -52,7 +52,7 @@ def test_a_pose_does_not_depend_on_the_unit_of_the_images(scale):
     np.testing.assert_allclose(scaled.transforms.translation / scale, pose.transforms.translation, atol=1e-6)
 
 
-def test_a_bend_says_whether_a_surface_stands_at_rest():
+def test_bend_distinguishes_rest_from_a_pose():
     surface = tube()
     still = bend((0, 0, 0), (0, 0, 0))
     turn = Rotation.from_euler("xyz", [30, 70, 10], degrees=True).as_matrix()
@@ -67,7 +67,7 @@ def test_a_bend_says_whether_a_surface_stands_at_rest():
     assert 12 < pose.bend < 18  # one third of the tube bends against two thirds
 
 
-def test_points_that_are_mapped_wrongly_hardly_count():
+def test_wrongly_mapped_points_hardly_count():
     surface, transforms = tube(), bend()
     moved = pose_surface(surface, transforms).vertices
     wrong = np.random.default_rng(0).choice(len(moved), len(moved) // 8, replace=False)
@@ -80,7 +80,7 @@ def test_points_that_are_mapped_wrongly_hardly_count():
     assert np.abs(trusting.transforms.translation - transforms.translation).max() > 0.05
 
 
-def test_images_that_are_exact_are_all_taken_for_right():
+def test_exact_images_are_all_used():
     surface, transforms = tube(), bend()
     moved = pose_surface(surface, transforms).vertices
     moved[weights_of(surface.vertices).toarray()[:, 2] == 1] += 1e-4  # a whole bone is slightly off
@@ -89,7 +89,7 @@ def test_images_that_are_exact_are_all_taken_for_right():
     assert np.abs(_estimate(surface, moved).transforms.translation - transforms.translation).max() < 1e-3
 
 
-def test_a_bone_without_vertices_follows_the_next_one_above():
+def test_bone_without_vertices_follows_its_next_ancestor():
     surface, transforms = tube(), bend()
     weights = hstack([weights_of(surface.vertices), csr_array((len(surface.vertices), 3))]).tocsr()
     pose = _estimate(surface, pose_surface(surface, transforms).vertices, weights, parents=[-1, 0, 1, 1, 3, -1])
@@ -101,13 +101,13 @@ def test_a_bone_without_vertices_follows_the_next_one_above():
     np.testing.assert_allclose(pose.transforms.translation[5], pose.common.translation)
 
 
-def test_bones_above_are_numbered_among_those_that_move_something():
+def test_ancestors_are_numbered_among_bones_that_move_vertices():
     parents = np.array([-1, 0, 1, 2, -1])
     assert next_above(parents, np.array([0, 3])).tolist() == [0, 0, 0, 1, -1]
     assert next_above(parents, np.array([0, 3]), strictly=True).tolist() == [-1, 0, 0, 0, -1]
 
 
-def test_a_bone_that_hardly_moves_anything_follows_its_neighbour():
+def test_bone_of_little_weight_follows_its_neighbour():
     surface, transforms = tube(), bend(second=(0, 0, 0))
     weights = weights_of(surface.vertices).toarray()
     weak = np.flatnonzero(surface.vertices[:, 2] > 0.999 * LENGTH)[:2]
@@ -125,7 +125,7 @@ def test_a_bone_that_hardly_moves_anything_follows_its_neighbour():
     assert _angles(free.transforms, transforms)[2] > 0.5
 
 
-def test_shells_of_one_bone_each_are_fitted_alone():
+def test_shells_of_one_bone_each_are_fitted_independently():
     surface, transforms = tube(), bend()
     sharp = csr_array(np.eye(3)[np.digitize(surface.vertices[:, 2], [2.0, 4.0])])
     for parents in (PARENTS, None):
@@ -155,7 +155,7 @@ def test_images_that_slid_along_the_surface_are_fitted_along_normals():
         assert slid() > 0.5 * off
 
 
-def test_no_weights_are_one_sentence():
+def test_missing_weights_are_refused():
     surface = tube()
     with pytest.raises(zo.MeshError, match="No vertex with a reliable match"):
         _estimate(surface, surface.vertices, csr_array((len(surface.vertices), 3)))
@@ -163,7 +163,7 @@ def test_no_weights_are_one_sentence():
         _estimate(surface, surface.vertices, trust=np.zeros(len(surface.vertices)))
 
 
-def test_the_unit_does_not_matter():
+def test_pose_does_not_depend_on_the_unit():
     surface, transforms = tube(), bend()
     moved = pose_surface(surface, transforms).vertices + 0.01 * np.random.default_rng(0).standard_normal((656, 3))
     pose = _estimate(surface, moved)

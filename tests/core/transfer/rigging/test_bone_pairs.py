@@ -17,7 +17,7 @@ def pair(names: list[str], heads: np.ndarray, others: list[str], other_heads: np
     return bone_pairs.pair_bones(bones, there, 1.7)
 
 
-def test_equal_names_come_first_wherever_they_are() -> None:
+def test_equal_names_are_paired_first_at_any_place() -> None:
     assert pair(["hips", "head"], HEADS[:2], ["head", "hips"], HEADS[:2]) == {"hips": "hips", "head": "head"}
 
 
@@ -27,7 +27,7 @@ def test_spelling_does_not_matter() -> None:
     assert pair(names, HEADS[:3], others, HEADS[:3] + 10) == dict(zip(names, others[::-1], strict=True))
 
 
-def test_others_are_paired_by_place_if_they_are_mutually_nearest_and_close() -> None:
+def test_other_bones_are_paired_if_close_and_mutually_nearest() -> None:
     off = HEADS + 0.02
     names = ["a", "b", "c", "d"]
     assert pair(names, HEADS, ["w", "x", "y", "z"], off) == dict(zip(names, "wxyz", strict=True))

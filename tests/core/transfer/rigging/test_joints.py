@@ -34,13 +34,13 @@ def test_a_similarity_moves_joints_exactly() -> None:
     np.testing.assert_allclose(moved.rotations, np.broadcast_to(TURN.as_matrix(), (3, 3, 3)), atol=1e-9)
 
 
-def test_only_the_surroundings_of_a_joint_count() -> None:
+def test_only_the_surroundings_of_a_joint_move_it() -> None:
     lifted = TAIL.vertices + np.where(TAIL.vertices[:, 2:] > 4, [0, 0, 1.0], 0)
     moved = zo.move_joints(TAIL, lifted, JOINTS)
     np.testing.assert_allclose(moved.positions - JOINTS, [[0, 0, 0], [0, 0, 0], [0, 0, 1]], atol=1e-9)
 
 
-def test_few_vertices_and_no_joints_are_enough() -> None:
+def test_few_vertices_or_no_joints_are_accepted() -> None:
     strand = zo.Lines([[0, 0, 0], [0, 0, 1.0]], [[0, 1]])
     np.testing.assert_allclose(zo.move_joints(strand, strand.vertices + 1, [[0, 0, 0.5]]).positions, [[1, 1, 1.5]])
     assert zo.move_joints(TAIL, TAIL.vertices, np.zeros((0, 3))).positions.shape == (0, 3)
@@ -49,6 +49,6 @@ def test_few_vertices_and_no_joints_are_enough() -> None:
 @pytest.mark.parametrize(
     ("vertices", "joints"), [(np.zeros((2, 3)), JOINTS), (np.full_like(TAIL.vertices, np.nan), JOINTS)]
 )
-def test_positions_that_do_not_fit_are_refused(vertices: np.ndarray, joints: np.ndarray) -> None:
+def test_invalid_positions_are_refused(vertices: np.ndarray, joints: np.ndarray) -> None:
     with pytest.raises(ValueError, match="give finite ones"):
         zo.move_joints(TAIL, vertices, joints)

@@ -45,14 +45,14 @@ def check(of_source: np.ndarray, of_target: np.ndarray) -> MotionCheck:
 
 
 @pytest.mark.parametrize("place", [[2, 0, 0], [0, 0.5, 0], [0, -0.3, 0]], ids=["slides", "lifts", "sinks"])
-def test_the_scaled_motion_of_the_source_is_no_fault(place: list[float]) -> None:
+def test_scaled_motion_of_the_source_has_no_faults(place: list[float]) -> None:
     still = np.zeros(3)
     found = check(moving(FOOT, still, np.array(place)), moving(FOOT, still, SIZE * np.array(place)))
     assert found == MotionCheck("Walk", *(pytest.approx(0, abs=1e-9) for _ in range(4)))
     assert not found.faults
 
 
-def test_feet_that_slide_sink_or_float_are_measured_in_lengths_of_the_legs() -> None:
+def test_sliding_sinking_and_floating_are_in_leg_lengths() -> None:
     still = np.zeros(3)
     slides = check(moving(), moving(FOOT, still, np.array([0.2, 0, 0])))
     assert slides.sliding == pytest.approx(0.2 / SIZE / (SECONDS * (FRAMES - 1)))
@@ -78,7 +78,7 @@ def test_a_hand_that_leaves_the_hips_is_found() -> None:
     assert "apart" in found.faults[0]
 
 
-def test_a_source_that_hovers_at_rest_stands_where_it_mostly_is() -> None:
+def test_ground_is_where_the_feet_of_the_source_mostly_are() -> None:
     higher = np.tile([0, 0.2, 0], (2, 1))
     assert check(moving(FOOT, *higher), moving(FOOT, *2 * SIZE * higher)).floating == pytest.approx(0.2)
     assert check(moving(FOOT, *higher), moving()).sinking == pytest.approx(0.2)

@@ -14,7 +14,7 @@ HEADS = np.array([[0, 0, 0], [0, 0, 2], [0, 0, 4.0]])
 POSES = extreme_poses(HEADS, PARENTS)
 
 
-def test_poses_are_the_same_about_other_heads() -> None:
+def test_poses_about_other_heads_are_equivalent() -> None:
     moved = HEADS * [1, 1, 1.5] + [0, 0.2, 0.1]
     np.testing.assert_allclose(poses_about(POSES, HEADS, moved, PARENTS), extreme_poses(moved, PARENTS), atol=1e-9)
     shifted = POSES.copy()
@@ -26,7 +26,7 @@ def test_poses_are_the_same_about_other_heads() -> None:
     )
 
 
-def test_poses_turn_each_bone_about_its_head_by_the_same_angle_against_its_parent() -> None:
+def test_poses_turn_each_bone_by_one_angle_about_its_head() -> None:
     for transforms in POSES:
         for bone, parent in enumerate(PARENTS):
             above = np.eye(3, 4) if parent < 0 else transforms[parent]

@@ -25,7 +25,7 @@ class _Match:
         self.surface_map, self.confidence, self.has_partner = surface_map, confidence, has_partner
 
 
-def _mapped(source, target, still, shift=0.0, **match):
+def _map_at_rest(source, target, still, shift=0.0, **match):
     """Map a target by its vertices at rest, `still`, with an error of `shift` along the tube."""
     points = still + np.array([0, 0, shift])
     found = zo.SurfaceMap(*closest_points(points, source.vertices, source.triangles), source.triangles)
@@ -40,10 +40,10 @@ def _errors(found, source, still):
     return np.linalg.norm(transform_points(skinning_matrices(found.pose.transforms, weights), still) - truth, axis=1)
 
 
-def test_a_map_that_slid_is_read_anew_where_the_target_lies_on_the_source():
+def test_slid_map_is_replaced_where_the_target_lies_on_the_source():
     source, still = tube(), tube(13, 55, turned=0.4)
     target = pose_surface(still, bend(*SOFT))
-    mapped = _mapped(source, target, still.vertices, shift=0.12)
+    mapped = _map_at_rest(source, target, still.vertices, shift=0.12)
     found = find_pose(mapped, source, weights_of(source.vertices), PARENTS)
     with retune(REST, rounds=0):
         first = find_pose(mapped, source, weights_of(source.vertices), PARENTS)
@@ -53,10 +53,10 @@ def test_a_map_that_slid_is_read_anew_where_the_target_lies_on_the_source():
     assert first.mapped.surface_map is mapped.surface_map
 
 
-def test_the_source_may_stand_in_a_pose_of_its_own():
+def test_source_may_be_posed():
     source, still = tube(), tube(13, 55, turned=0.4)
     target = pose_surface(still, bend(*SOFT))
-    mapped = _mapped(source, target, still.vertices)
+    mapped = _map_at_rest(source, target, still.vertices)
     waving = pose_surface(source, bend((0, 50, 0), (-30, 0, 0)))
     seen = map_target(_Match(mapped.surface_map, np.ones(len(still.vertices))), waving, target)
     found = find_pose(seen, source, weights_of(source.vertices), PARENTS)
@@ -64,11 +64,11 @@ def test_the_source_may_stand_in_a_pose_of_its_own():
     assert found.mapped.source is source
 
 
-def test_another_body_is_read_along_the_map_alone():
+def test_another_body_keeps_its_map():
     source, still = tube(), tube(13, 55, turned=0.4)
     stout = still.with_vertices(still.vertices * [1.5, 1.5, 1.0])
     target = pose_surface(stout, bend(*SOFT), weights_of(still.vertices))
-    mapped = _mapped(source, target, still.vertices)
+    mapped = _map_at_rest(source, target, still.vertices)
     found = find_pose(mapped, source, weights_of(source.vertices), PARENTS)
     assert found.mapped.surface_map is mapped.surface_map
     with retune(REST, same_body=1.0, settled=1.0):
@@ -86,7 +86,7 @@ def test_a_similar_body_is_not_bent_into_the_source():
     source, still = tube(), tube(13, 55, turned=0.4)
     wave = 0.1 * np.sin(8 * np.pi * still.vertices[:, 2] / LENGTH)
     other = still.vertices * [1.1, 0.9, 1.0] + wave[:, None] * [1.0, 0, 0]
-    mapped = _mapped(source, still.with_vertices(other), still.vertices)
+    mapped = _map_at_rest(source, still.with_vertices(other), still.vertices)
     weights, parents = _short_bones(source.vertices), np.arange(24) - 1
 
     def find():
@@ -104,10 +104,10 @@ def test_a_similar_body_is_not_bent_into_the_source():
     assert moved < 0.7 * size < 0.8 * min(moved_as_same, moved_freely)
 
 
-def test_vertices_are_not_read_far_from_where_the_map_has_them():
+def test_vertices_far_from_the_source_keep_their_images():
     source, still = tube(), tube(13, 55, turned=0.4)
     target = pose_surface(still, bend(*SOFT))
-    mapped = _mapped(source, target, still.vertices)
+    mapped = _map_at_rest(source, target, still.vertices)
     wrong = still.vertices[:, 2] < 0.3
     triangle = np.where(wrong, mapped.surface_map.triangle[~wrong][-1], mapped.surface_map.triangle)
     match = _Match(zo.SurfaceMap(triangle, mapped.surface_map.barycentric, source.triangles), np.ones(len(wrong)))
@@ -116,47 +116,47 @@ def test_vertices_are_not_read_far_from_where_the_map_has_them():
     assert found.mapped.confidence[wrong].max() < np.median(found.mapped.confidence[~wrong])
 
 
-def test_what_has_no_partner_does_not_count():
+def test_vertices_without_a_partner_are_ignored():
     source, still = tube(), tube(13, 55, turned=0.4)
     target = pose_surface(still, bend(*SOFT))
     alone = still.vertices[:, 2] > 4.5
     vertices = target.vertices.copy()
     vertices[alone] += [0, 3.0, 0]  # like a hat that only the target has
-    mapped = _mapped(source, target.with_vertices(vertices), still.vertices, has_partner=~alone)
+    mapped = _map_at_rest(source, target.with_vertices(vertices), still.vertices, has_partner=~alone)
     found = find_pose(mapped, source, weights_of(source.vertices), PARENTS)
     assert np.median(_errors(found, source, still.vertices)[~alone]) < 0.05
     assert not found.mapped.confidence[alone].any()
 
 
-def _standing(scale, turn, shift):
+def _pose_at_rest(scale, turn, shift):
     """The pose of a target at rest with a common similarity."""
     common = Similarities(np.array(scale), turn, np.array(shift))
     return Pose(Similarities(np.array([scale]), turn[None], np.array([shift])), common, 0.0)
 
 
-def test_a_target_at_rest_is_put_where_the_source_is():
+def test_target_at_rest_is_aligned_with_the_source():
     still = tube()
     turn = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
-    pose = _standing(2.0, turn, [3.0, 4, 5])
+    pose = _pose_at_rest(2.0, turn, [3.0, 4, 5])
     rest = align(still.with_vertices(pose.common(still.vertices)), pose)
     np.testing.assert_allclose(rest.positions, still.vertices, atol=1e-9)
     np.testing.assert_allclose(rest.linear, np.broadcast_to(turn.T / 2, (656, 3, 3)), atol=1e-12)
     assert rest.smoothed == 0
 
 
-def test_a_target_at_rest_stays_where_it_stands_if_the_source_is_there():
+def test_target_at_rest_near_the_source_is_not_moved():
     still = tube()  # square root of its area is about 4.5
     for shift, stays in ((0.08, True), (0.1, False)):
         target = still.with_vertices(still.vertices + shift * np.array([1.0, 0, 0]))
-        rest = align(target, _standing(1.0, np.eye(3), [shift, 0.0, 0.0]))
+        rest = align(target, _pose_at_rest(1.0, np.eye(3), [shift, 0.0, 0.0]))
         assert np.array_equal(rest.positions, target.vertices) == stays
         np.testing.assert_allclose(rest.linear, np.broadcast_to(np.eye(3), (656, 3, 3)), atol=1e-12)
 
 
-def test_a_target_that_stands_elsewhere_is_at_rest():
+def test_moved_and_scaled_target_is_at_rest():
     source, still = tube(), tube(13, 55, turned=0.4)
     target = still.with_vertices(2 * still.vertices + np.array([1.0, 0, 3]))
-    found = find_pose(_mapped(source, target, still.vertices), source, weights_of(source.vertices), PARENTS)
+    found = find_pose(_map_at_rest(source, target, still.vertices), source, weights_of(source.vertices), PARENTS)
     assert found.pose.is_rest
     np.testing.assert_allclose(align(target, found.pose).positions, still.vertices, atol=0.02)
 
@@ -165,7 +165,7 @@ def test_a_wrong_map_does_not_bend_a_target_at_rest():
     source, still = tube(), tube(13, 55, turned=0.4)
     target = still.with_vertices(still.vertices + np.array([3.0, 0, 0]))
     images = pose_surface(still, bend((0, 30, 0), (0, -30, 0))).vertices  # closest points of these are elsewhere
-    found = find_pose(_mapped(source, target, images), source, weights_of(source.vertices), PARENTS)
+    found = find_pose(_map_at_rest(source, target, images), source, weights_of(source.vertices), PARENTS)
     assert found.pose.bend == 0
     assert found.pose.scale == 1
     np.testing.assert_allclose(align(target, found.pose).positions, still.vertices, atol=0.02 * LENGTH)
@@ -175,17 +175,17 @@ def test_a_wrong_map_does_not_bend_a_target_at_rest():
 def test_a_slight_bend_is_a_pose():
     source, still = tube(), tube(13, 55, turned=0.4)
     target = pose_surface(still, bend((12, 0, 0), (0, 12, 0)))
-    found = find_pose(_mapped(source, target, still.vertices), source, weights_of(source.vertices), PARENTS)
+    found = find_pose(_map_at_rest(source, target, still.vertices), source, weights_of(source.vertices), PARENTS)
     assert not found.pose.is_rest
 
 
-def test_what_a_target_wears_does_not_move_it():
+def test_worn_parts_of_a_target_do_not_move_it():
     source, still = tube(), tube(13, 55, turned=0.4)
     hat = ball(0.25 * LENGTH, (0.35 * LENGTH, 0, 0.9 * LENGTH), count=300)
     target = zo.Surface.joined([still, hat])
     images = np.concatenate([pose_surface(still, bend((0, 30, 0), (0, -30, 0))).vertices, hat.vertices])
     worn = np.arange(len(images)) >= len(still.vertices)
-    mapped = _mapped(source, target, images, has_partner=~worn, confidence=np.where(worn, 0.0, 1.0))
+    mapped = _map_at_rest(source, target, images, has_partner=~worn, confidence=np.where(worn, 0.0, 1.0))
     found = find_pose(mapped, source, weights_of(source.vertices), PARENTS)
     assert found.pose.bend == 0
     np.testing.assert_allclose(align(target, found.pose).positions, target.vertices, atol=0.03 * LENGTH)

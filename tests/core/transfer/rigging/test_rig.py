@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Rigs move into bodies of another build."""
+"""Rigs move into bodies of other proportions."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def test_a_rig_is_moved_along_a_match_of_other_triangles() -> None:
     np.testing.assert_allclose(moved.positions, 2 * CHAIN[:3], atol=0.05)
 
 
-def test_on_a_coarse_target_joints_follow_the_images_of_its_vertices() -> None:
+def test_joints_on_a_coarse_target_follow_images_of_vertices() -> None:
     target = tube(around=8, along=21)
     images = zo.match_by_proximity(LEG, target)
     thicker = target.with_vertices(target.vertices * [1.5, 1.5, 1])
@@ -78,7 +78,7 @@ def test_joints_at_one_place_stay_together() -> None:
     np.testing.assert_allclose(moved.positions[3], moved.positions[1])
 
 
-def test_the_roll_of_a_bone_follows_the_surface_and_its_direction_the_joints() -> None:
+def test_roll_follows_the_surface_and_direction_the_joints() -> None:
     twist = Rotation.from_rotvec([0, 0, 0.5])
     bent = twist.apply(LEG.vertices) + np.outer(LEG.vertices[:, 2], [0.1, 0, 0])
     moved = place_joints(LEG, bent, CHAIN[[0, 2]], np.array([-1, 0]))
@@ -108,7 +108,7 @@ def test_twist_bones_beside_a_chain_do_not_end_it() -> None:
     assert abs(with_twist - 3) < 0.8 * abs(without - 3)
 
 
-def test_a_joint_off_the_axis_follows_its_cross_section_more_than_the_nearest_skin() -> None:
+def test_off_axis_joint_follows_its_whole_cross_section() -> None:
     joint = np.array([[0.5 * LEG.vertices[:, 0].max(), 0, 3.0]])
     near = np.exp(-((LEG.vertices - [LEG.vertices[:, 0].max(), 0, 3.0]) ** 2).sum(axis=1) / 0.5)
     swollen = LEG.vertices + np.outer(near, [1.0, 0, 0])
@@ -121,7 +121,7 @@ def test_a_joint_off_the_axis_follows_its_cross_section_more_than_the_nearest_sk
     assert 0 < aside() < 0.8 * by_patch
 
 
-def test_bones_keep_their_lengths_where_the_surface_is_noisy() -> None:
+def test_bones_keep_their_lengths_on_noisy_surfaces() -> None:
     joints, parents = np.array([[0, 0, z] for z in (1.0, 2, 3, 4, 5)]), np.arange(-1, 4)
     noise = np.random.default_rng(1).normal(0, 0.3, LEG.vertices.shape)
 
@@ -134,7 +134,7 @@ def test_bones_keep_their_lengths_where_the_surface_is_noisy() -> None:
         assert spread() < 0.9 * alone
 
 
-def test_a_joint_below_the_skin_stays_there() -> None:
+def test_joint_just_below_the_skin_stays_there() -> None:
     """It is not moved by bones to deeper joints."""
     joints, parents = np.array([LEG.vertices[500], [0, 0, 1.0], [0, 0, 5.8]]), np.array([1, -1, 1])
     slid = bulge(LEG.vertices, joints[0, 2], 0.5)
@@ -179,7 +179,7 @@ def test_an_asymmetric_body_keeps_its_asymmetry() -> None:
     np.testing.assert_allclose(moved.positions, joints + np.outer(joints[:, 0] > 0, [0, 0, 1.0]), atol=0.05)
 
 
-def test_a_map_that_slides_along_one_leg_of_a_symmetric_body_is_averaged_with_the_other() -> None:
+def test_sliding_along_one_leg_is_averaged_with_the_other() -> None:
     body, joints = legs(), twin(CHAIN[:3])
     parents = np.concatenate([PARENTS[:3], np.array([-1, 3, 4])])
     right = body.vertices[:, 0] > 0
@@ -197,7 +197,7 @@ def test_a_chain_along_a_line_is_not_mirrored_end_to_end() -> None:
     assert moved.positions[2, 2] - moved.positions[1, 2] > moved.positions[1, 2] - moved.positions[0, 2] + 0.02
 
 
-def test_heads_hang_from_tails() -> None:
+def test_heads_are_parented_to_tails() -> None:
     heads, tails = np.zeros((2, 3)), np.ones((2, 3))
     joints, parents = joints_of_bones(heads, tails, np.array([-1, 0]))
     np.testing.assert_array_equal(joints, [*heads, *tails])
@@ -224,11 +224,11 @@ def test_bones_along_a_longer_bone_follow_it() -> None:
         ([[0, 0, 1.0], [0, 0, 2.0]], [1, 0], "form a cycle"),
     ],
 )
-def test_rigs_that_are_none_are_refused(joints: list, parents: list, message: str) -> None:
+def test_invalid_rigs_are_refused(joints: list, parents: list, message: str) -> None:
     same = zo.SurfaceMap.from_vertices(np.arange(len(LEG.vertices)), LEG)
     with pytest.raises(ValueError, match=message):
         zo.move_rig(same, LEG, LEG, joints, parents)
 
 
-def test_no_joints_are_a_rig() -> None:
+def test_rig_without_joints_is_accepted() -> None:
     assert place_joints(LEG, LEG.vertices, np.zeros((0, 3)), np.zeros(0, dtype=np.int64)).positions.shape == (0, 3)

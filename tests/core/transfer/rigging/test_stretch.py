@@ -39,7 +39,7 @@ def wrong_weights(patch: np.ndarray) -> csr_array:
     return csr_array(weights)
 
 
-def test_a_target_may_have_poses_of_its_own() -> None:
+def test_target_may_have_its_own_poses() -> None:
     longer = TARGET.with_vertices(TARGET.vertices * [1, 1, 1.5])
     about = poses_about(POSES, HEADS, HEADS * [1, 1, 1.5], PARENTS)
     own = check_weights(SOURCE, weights_of(SOURCE.vertices), longer, weights_of(TARGET.vertices), MAP, POSES, about)
@@ -55,7 +55,7 @@ def test_a_surface_without_weights_does_not_stretch() -> None:
     np.testing.assert_array_equal(played.growth, 1)
 
 
-def test_true_weights_tear_nothing_and_stay() -> None:
+def test_true_weights_stretch_nothing_and_are_kept() -> None:
     weights = weights_of(TARGET.vertices)
     checked = check_weights(SOURCE, weights_of(SOURCE.vertices), TARGET, weights, MAP, POSES)
     assert not checked.stretched.any()
@@ -78,7 +78,7 @@ def test_a_patch_of_another_bone_is_found_and_smoothed() -> None:
     np.testing.assert_array_equal(checked.weights.toarray()[~checked.smoothed], weights.toarray()[~checked.smoothed])
 
 
-def test_repairs_begin_small_and_widen_only_where_edges_stretch_still() -> None:
+def test_repairs_widen_only_where_edges_still_stretch() -> None:
     given = SOURCE, weights_of(SOURCE.vertices), TARGET
     small, large = (wrong_weights(on_side(radius)) for radius in (0.15, 0.5))
     counts = []
@@ -91,7 +91,7 @@ def test_repairs_begin_small_and_widen_only_where_edges_stretch_still() -> None:
         assert check_weights(*given, large, MAP, POSES).stretched.any()
 
 
-def test_repairs_widen_from_round_to_round() -> None:
+def test_repairs_widen_in_every_round() -> None:
     with retune(poses.POSES, angle=90.0):
         turned = extreme_poses(HEADS, PARENTS)
     given = SOURCE, weights_of(SOURCE.vertices), TARGET, wrong_weights(on_side(0.8)), MAP, turned
@@ -100,7 +100,7 @@ def test_repairs_widen_from_round_to_round() -> None:
         assert check_weights(*given).stretched.any()
 
 
-def test_each_patch_is_judged_by_itself() -> None:
+def test_each_patch_is_judged_independently() -> None:
     with retune(poses.POSES, angle=90.0):
         turned = extreme_poses(HEADS, PARENTS)
     near, far = on_side(0.8), np.linalg.norm(TARGET.vertices - [-0.6, 0, 3.0], axis=1) < 0.15
@@ -112,14 +112,14 @@ def test_each_patch_is_judged_by_itself() -> None:
     assert not checked.smoothed[near].any()
 
 
-def test_short_edges_do_not_count() -> None:
+def test_short_edges_are_ignored() -> None:
     played = [play(each, weights_of(each.vertices), POSES) for each in (SOURCE, TARGET)]
     torn = played[1]._replace(growth=np.full(len(played[1].edges), 100.0))
     assert stretched_edges(played[0], torn, MAP, LENGTH).any()
     assert not stretched_edges(played[0], torn, MAP, 1000 * LENGTH).any()
 
 
-def test_a_source_that_stretches_as_much_excuses_the_target() -> None:
+def test_edges_that_stretch_as_much_on_the_source_are_accepted() -> None:
     weights = weights_of(TARGET.vertices)
     source = play(SOURCE, weights_of(SOURCE.vertices), POSES)
     target = play(TARGET, weights, POSES)
@@ -135,7 +135,7 @@ def test_smoothed_weights_keep_their_sums() -> None:
     np.testing.assert_allclose(smoothed.sum(axis=1), 0.5)
 
 
-def test_the_edges_of_each_key_are_measured() -> None:
+def test_edges_are_measured_for_each_key() -> None:
     square = zo.Surface([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]])
     lifted = np.zeros((4, 3))
     lifted[3, 2] = 1

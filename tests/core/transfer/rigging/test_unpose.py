@@ -40,7 +40,7 @@ def _off(rest, surface, where):
     return np.linalg.norm(rest.positions - surface.vertices, axis=1)[where].max()
 
 
-def test_where_weights_tear_the_surface_keeps_its_shape():
+def test_surface_keeps_its_shape_where_weights_tear():
     surface, transforms = tube(), bend(*SOFT)
     weights = weights_of(surface.vertices).toarray()
     wrong = np.flatnonzero(np.abs(surface.vertices[:, 2] - 1.0) < 0.2)[:6]
@@ -54,7 +54,7 @@ def test_where_weights_tear_the_surface_keeps_its_shape():
     assert _off(torn, surface, slice(None)) > 1
 
 
-def test_where_the_map_is_in_doubt_the_surface_keeps_its_shape():
+def test_surface_keeps_its_shape_where_the_map_is_doubtful():
     surface, transforms = tube(), bend(*SOFT)
     target = pose_surface(surface, transforms)
     doubtful = surface.vertices[:, 2] < 0.7
@@ -80,7 +80,7 @@ def test_a_collapsed_blend_is_not_inverted():
     assert np.abs(np.linalg.det(blown.linear)).max() > 10 * np.abs(np.linalg.det(rest.linear)).max()
 
 
-def test_loose_and_doubled_vertices_are_taken_along():
+def test_loose_and_split_vertices_stay_with_their_surroundings():
     whole, transforms = tube(), bend(*SOFT)
     corners = whole.vertices[whole.corner_vertex]  # faces have separate corners, as exporters split them
     faces = np.split(np.arange(len(corners)), whole.face_start[1:-1])
@@ -95,7 +95,7 @@ def test_loose_and_doubled_vertices_are_taken_along():
     np.testing.assert_allclose(of_vertex[whole.corner_vertex], rest.positions[:-1], atol=1e-9)
 
 
-def test_a_vertex_without_weights_is_carried_by_its_surroundings():
+def test_vertex_without_weights_follows_its_surroundings():
     surface, transforms = tube(), bend(*SOFT)
     weights = weights_of(surface.vertices).toarray()
     weights[100] = 0

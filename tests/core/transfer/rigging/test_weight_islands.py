@@ -17,7 +17,7 @@ SOURCE, TARGET = tube(20, 61), tube(15, 47, turned=0.4)
 
 
 def image(moved: np.ndarray | None = None, up: float = 4.5) -> zo.SurfaceMap:
-    """The true map, but of some vertices (n,), which go to a place farther up."""
+    """The true map, except that the vertices of a mask (n,) map to a place farther up."""
     points = (
         TARGET.vertices
         if moved is None
@@ -44,18 +44,18 @@ def test_true_weights_have_no_islands() -> None:
     assert not islands(image(), weights_of(SOURCE.vertices)).any()
 
 
-def test_regions_that_are_apart_on_the_source_are_none() -> None:
+def test_regions_separate_on_the_source_are_no_islands() -> None:
     of_source = weights_of(SOURCE.vertices).toarray()
     of_source[near(SOURCE, 1.0, 0.6)] = [0, 0, 1]  # the topmost bone moves a patch below as well
     assert not islands(image(), csr_array(of_source)).any()
 
 
-def test_of_two_large_regions_neither_is_an_island() -> None:
+def test_large_regions_are_no_islands() -> None:
     low = TARGET.vertices[:, 2] < 1.5
     assert not islands(image(low), weights_of(SOURCE.vertices)).any()
 
 
-def test_regions_on_several_loose_parts_are_none() -> None:
+def test_regions_on_several_loose_parts_are_no_islands() -> None:
     # The same tube in two pieces: the topmost bone moves both of their upper ends.
     source, target = (
         zo.Surface.joined([each, each.with_vertices(0.3 * each.vertices + [5, 0, 4])]) for each in (SOURCE, TARGET)
@@ -72,7 +72,7 @@ def test_vertices_without_weights_are_no_islands() -> None:
     assert not islands(image(near(TARGET, 1.0)), csr_array(of_source)).any()
 
 
-def test_transferred_weights_are_filled_in_there() -> None:
+def test_islands_in_transferred_weights_are_filled_in() -> None:
     patch = near(TARGET, 1.0)
     mapped = map_target(zo.ProximityMatch(image(patch), np.ones(len(patch)), ()), SOURCE, TARGET)
     weights = Attribute("w", Domain.POINT, Kind.WEIGHT, weights_of(SOURCE.vertices), labels=("A", "B", "C"))

@@ -62,7 +62,7 @@ def mapped_square() -> MappedTarget:
     return MappedTarget(SOURCE, TARGET, SurfaceMap(*found, SOURCE.triangles), np.ones(len(TARGET.vertices)))
 
 
-def baked(atlas: np.ndarray, shown: Picture, uv: np.ndarray, width: int = 64, height: int = 64) -> Baked:
+def bake_square(atlas: np.ndarray, shown: Picture, uv: np.ndarray, width: int = 64, height: int = 64) -> Baked:
     return bake(mapped_square(), [replace(shown, uv=atlas)], uv, width, height)
 
 
@@ -72,9 +72,9 @@ def places(image: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("size", [16, 33, 128])
-def test_texels_show_their_places_and_nothing_of_the_background(size: int) -> None:
+def test_texels_show_their_places_and_never_the_background(size: int) -> None:
     uv = 0.1 + 0.8 * corners(TARGET)[:, ::-1]  # transposed
-    made = baked(ATLAS, picture(size), uv, 64, 96)
+    made = bake_square(ATLAS, picture(size), uv, 64, 96)
     assert made.images[0].shape == (96, 64, 3)
     assert not made.images[0][:, :, 2].any()
     u, v = np.meshgrid((np.arange(64) + 0.5) / 64, (np.arange(96) + 0.5)[::-1] / 96)
@@ -90,7 +90,7 @@ def test_texels_show_their_places_and_nothing_of_the_background(size: int) -> No
 def test_gutters_take_the_texel_of_the_nearest_island() -> None:
     right = np.repeat(corners(TARGET).reshape(-1, 3, 2)[:, :, 0].mean(axis=1) > 0.5, 3)
     uv = 0.3 * corners(TARGET) + np.where(right[:, None], [0.6, 0.1], [0.05, 0.5])
-    made = baked(ATLAS, picture(128), uv, 100, 100)
+    made = bake_square(ATLAS, picture(128), uv, 100, 100)
     assert not made.images[0][:, :, 2].any()
     assert 0.05 < made.covered.mean() < 0.2
     x = places(made.images[0])[:, :, 0]
@@ -100,7 +100,7 @@ def test_gutters_take_the_texel_of_the_nearest_island() -> None:
 
 
 @pytest.mark.parametrize("tile", [0, 3])
-def test_a_tip_that_owns_no_texel_is_read_at_the_nearest_of_its_island(tile: int) -> None:
+def test_tip_without_a_texel_reads_the_nearest_of_its_island(tile: int) -> None:
     """The island is a wedge that is thinner than a texel at its left end."""
     place = corners(SOURCE)
     atlas = np.column_stack([0.1 + 0.8 * place[:, 0], 0.53 + 0.4 * (place[:, 1] - 0.5) * place[:, 0]])
@@ -108,27 +108,27 @@ def test_a_tip_that_owns_no_texel_is_read_at_the_nearest_of_its_island(tile: int
     x = (u - 0.1) / 0.8
     inside = (x > 0) & (x < 1) & (np.abs(v - 0.53) < 0.2 * x)
     image = np.where(inside[..., None], [9, 9, 0], [0, 0, BACKGROUND]).astype(np.uint8)
-    made = baked(atlas + tile, Picture([image], NUMBER, ATLAS), corners(TARGET))
+    made = bake_square(atlas + tile, Picture([image], NUMBER, ATLAS), corners(TARGET))
     assert (made.images[0] == [9, 9, 0]).all()
 
 
 @pytest.mark.parametrize("alone", [True, False])
-def test_an_island_without_a_texel_is_read_where_it_lies(alone: bool) -> None:
+def test_island_without_a_texel_is_read_at_its_place(alone: bool) -> None:
     small = np.array([0.8, 0.8]) + 0.01 * corners(SOURCE)
     atlas = small if alone else np.where(RIGHT[:, None], small, 0.6 * corners(SOURCE))
     image = np.zeros((4, 4, 3), dtype=np.uint8)
     image[0, 3] = [7, 8, 9]  # the upper right texel
-    made = baked(atlas, Picture([image], NUMBER, ATLAS), corners(TARGET), 8, 8)
+    made = bake_square(atlas, Picture([image], NUMBER, ATLAS), corners(TARGET), 8, 8)
     assert (made.images[0][:, 5:] == [7, 8, 9]).all()
 
 
-def test_the_result_does_not_depend_on_how_many_texels_are_read_together(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_block_size_does_not_change_results(monkeypatch: pytest.MonkeyPatch) -> None:
     uv = 0.1 + 0.8 * corners(TARGET)[:, ::-1]
-    at_once = baked(ATLAS, picture(33), uv)
+    at_once = bake_square(ATLAS, picture(33), uv)
     monkeypatch.setattr(pixels, "BLOCK", 64)
     monkeypatch.setattr(module, "READ_TOGETHER", 100)
     monkeypatch.setattr(module, "BAND", 640)
-    np.testing.assert_array_equal(baked(ATLAS, picture(33), uv).images[0], at_once.images[0])
+    np.testing.assert_array_equal(bake_square(ATLAS, picture(33), uv).images[0], at_once.images[0])
 
 
 def test_images_repeat_beyond_the_unit_square() -> None:
@@ -136,7 +136,7 @@ def test_images_repeat_beyond_the_unit_square() -> None:
     number = NUMBER
     for repeats in (1, 16):  # within one copy of the image, or across several
         at_home, away = (
-            baked(repeats * corners(SOURCE) + shift, Picture([image], number, ATLAS), corners(TARGET))
+            bake_square(repeats * corners(SOURCE) + shift, Picture([image], number, ATLAS), corners(TARGET))
             for shift in (0, 5)
         )
         np.testing.assert_allclose(at_home.images[0].astype(int), away.images[0], atol=1)
@@ -146,23 +146,23 @@ def test_images_repeat_beyond_the_unit_square() -> None:
 def test_every_triangle_is_read_in_its_own_image() -> None:
     images = [np.full((4, 4, 3), level, dtype=np.uint8) for level in (10, 200)]
     number = RIGHT.reshape(-1, 3)[:, 0].astype(int)
-    made = baked(corners(SOURCE), Picture(images, number, ATLAS), corners(TARGET))
+    made = bake_square(corners(SOURCE), Picture(images, number, ATLAS), corners(TARGET))
     assert set(made.images[0][:, :31].ravel()) == {10}
     assert set(made.images[0][:, 33:].ravel()) == {200}
 
 
-def test_what_lies_outside_of_the_image_is_told() -> None:
+def test_faces_outside_the_image_are_reported() -> None:
     uv = corners(TARGET) + np.array([0.5, 0])
-    made = baked(ATLAS, picture(64), uv)
+    made = bake_square(ATLAS, picture(64), uv)
     off = (uv.reshape(-1, 3, 2)[:, :, 0] > 1).any(axis=1)
     np.testing.assert_array_equal(made.outside, off)
     with pytest.raises(MeshError, match="cover no texel of the image"):
-        baked(ATLAS, picture(64), uv + 5)
+        bake_square(ATLAS, picture(64), uv + 5)
     with pytest.raises(ValueError, match="width is 0"):
-        baked(ATLAS, picture(64), uv, 0)
+        bake_square(ATLAS, picture(64), uv, 0)
 
 
-def test_several_pictures_are_baked_at_once_and_floats_keep_their_precision() -> None:
+def test_several_pictures_are_baked_at_once_in_their_own_precision() -> None:
     fine = np.random.default_rng(1).normal(size=(8, 8, 1)).astype(np.float32)
     shown = Picture([fine], NUMBER, corners(SOURCE))
     on_the_right = Picture([np.full((4, 4, 3), 9, np.uint8)], RIGHT.reshape(-1, 3)[:, 0].astype(int) - 1, ATLAS)

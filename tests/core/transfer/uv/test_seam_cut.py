@@ -60,7 +60,7 @@ def straddling(surface: Surface, images: Floats, layout: tuple[int, int]) -> flo
 
 
 @pytest.mark.parametrize("layout", LAYOUTS.values(), ids=LAYOUTS)
-def test_new_vertices_lie_on_seams_and_divide_nearly_all_faces_that_these_cross(
+def test_new_vertices_lie_on_seams_and_divide_crossed_faces(
     source: Sheet, target: Sheet, layout: tuple[int, int]
 ) -> None:
     _, found, opened = cut_of(source, target, layout)
@@ -77,7 +77,7 @@ def test_new_vertices_lie_on_seams_and_divide_nearly_all_faces_that_these_cross(
 
 
 @pytest.mark.parametrize("layout", LAYOUTS.values(), ids=LAYOUTS)
-def test_the_surface_stays_what_it_was(source: Sheet, target: Sheet, layout: tuple[int, int]) -> None:
+def test_cutting_keeps_the_surface_and_its_topology(source: Sheet, target: Sheet, layout: tuple[int, int]) -> None:
     _, found, opened = cut_of(source, target, layout)
     n = len(target.parameters)
     np.testing.assert_array_equal(opened.vertices[:n], target.surface.vertices)
@@ -90,7 +90,7 @@ def test_the_surface_stays_what_it_was(source: Sheet, target: Sheet, layout: tup
     assert found.fraction.max() <= 1 - SNAP_DISTANCE
 
 
-def test_a_face_within_which_seams_meet_is_divided_from_that_point(source: Sheet, target: Sheet) -> None:
+def test_face_is_divided_from_the_point_where_seams_meet(source: Sheet, target: Sheet) -> None:
     layout = LAYOUTS["islands"]
     _, found, opened = cut_of(source, target, layout)
     assert len(found.meeting) > 1

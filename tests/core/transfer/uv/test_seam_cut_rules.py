@@ -34,7 +34,7 @@ def cut_of(target: Surface) -> SeamCut:
     return seam_cut(Attribute("UVMap", Domain.CORNER, Kind.UV, quarters(SOURCE)), mapped)
 
 
-def test_a_face_with_the_middle_inside_is_divided_in_four() -> None:
+def test_face_around_the_meeting_point_is_divided_in_four() -> None:
     target = plate(1, 1)
     found = cut_of(target)
     assert len(found.edge) == 4
@@ -48,7 +48,7 @@ def test_a_face_with_the_middle_inside_is_divided_in_four() -> None:
 
 
 @pytest.mark.parametrize(("column", "snapped"), [(0.4, False), (0.43, False), (0.46, True), (0.49, True)])
-def test_crossings_beside_a_vertex_move_onto_it(column: float, snapped: bool) -> None:
+def test_crossings_near_a_vertex_snap_to_it(column: float, snapped: bool) -> None:
     found = cut_of(pair(column))
     along = np.ptp(pair(column).vertices[found.edge][:, :, 1], axis=1) == 0
     assert along.sum() == (0 if snapped else 2)
@@ -58,7 +58,7 @@ def test_crossings_beside_a_vertex_move_onto_it(column: float, snapped: bool) ->
 
 
 @pytest.mark.parametrize(("column", "divided", "left"), [(0.4, 1, 0), (0.46, 1, 1), (0.49, 0, 2)])
-def test_a_point_next_to_an_edge_divides_no_face(column: float, divided: int, left: int) -> None:
+def test_meeting_point_next_to_an_edge_divides_no_face(column: float, divided: int, left: int) -> None:
     found = cut_of(pair(column))
     assert len(found.meeting) == divided
     assert found.left == left
@@ -68,7 +68,7 @@ def test_a_point_next_to_an_edge_divides_no_face(column: float, divided: int, le
     assert area.min() > 0.005
 
 
-def test_where_the_point_is_found_in_a_polygon_of_several_triangles() -> None:
+def test_meeting_point_is_found_in_a_polygon_of_many_triangles() -> None:
     # An octagon around the middle, triangulated as a fan from a corner.
     turn = np.arange(8) * np.pi / 4 + 0.3
     ring = np.column_stack([0.5 + 0.4 * np.cos(turn), 0.55 + 0.4 * np.sin(turn), 0 * turn])

@@ -88,7 +88,7 @@ def atlas(source: Sheet, strips: int, bands: int, seed: int = 0) -> Atlas:
     return Atlas(chart(corners, island_of(source.middles)[face]), chart, count, island_of, island_at)
 
 
-def transferred(uv: np.ndarray, surface_map: SurfaceMap | Match, source: Surface, target: Surface) -> Attribute:
+def transfer_uvs(uv: np.ndarray, surface_map: SurfaceMap | Match, source: Surface, target: Surface) -> Attribute:
     return transfer(Attribute("UVMap", Domain.CORNER, Kind.UV, uv), surface_map, source, target)
 
 
@@ -115,11 +115,9 @@ def target(request: pytest.FixtureRequest) -> Sheet:
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
-def test_every_face_lies_in_one_chart_and_is_exact_where_it_crosses_no_seam(
-    source: Sheet, target: Sheet, layout: str
-) -> None:
+def test_faces_lie_in_one_chart_and_are_exact_away_from_seams(source: Sheet, target: Sheet, layout: str) -> None:
     of = atlas(source, *LAYOUTS[layout])
-    result = transferred(of.uv, true_map(source, *GRID, target.parameters), source.surface, target.surface)
+    result = transfer_uvs(of.uv, true_map(source, *GRID, target.parameters), source.surface, target.surface)
     choice, error = best_chart(result.values, target, of)
     corners = target.corners.reshape(-1, 3, 2) * LAYOUTS[layout]
     inside = (np.floor(corners) == np.floor(corners[:, :1])).all(axis=(1, 2))
@@ -136,7 +134,7 @@ def test_every_face_lies_in_one_chart_and_is_exact_where_it_crosses_no_seam(
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_faces_of_one_chart_share_their_corners_exactly(source: Sheet, target: Sheet, layout: str) -> None:
     of = atlas(source, *LAYOUTS[layout])
-    uv = transferred(of.uv, true_map(source, *GRID, target.parameters), source.surface, target.surface).values
+    uv = transfer_uvs(of.uv, true_map(source, *GRID, target.parameters), source.surface, target.surface).values
     choice, _ = best_chart(uv, target, of)
     first, second = adjacent_edges(target.surface)
     one, other = target.surface.corner_face[first[:, 0]], target.surface.corner_face[second[:, 0]]
@@ -150,9 +148,9 @@ def test_faces_of_one_chart_share_their_corners_exactly(source: Sheet, target: S
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
-def test_seams_have_no_saw_teeth(source: Sheet, target: Sheet, layout: str) -> None:
+def test_seams_are_not_jagged(source: Sheet, target: Sheet, layout: str) -> None:
     of = atlas(source, *LAYOUTS[layout])
-    uv = transferred(of.uv, true_map(source, *GRID, target.parameters), source.surface, target.surface).values
+    uv = transfer_uvs(of.uv, true_map(source, *GRID, target.parameters), source.surface, target.surface).values
     first, second = adjacent_edges(target.surface)
     jump = np.abs(uv[first] - uv[second]).max(axis=(1, 2)) > 0
     seams = edge_lengths(target.surface.vertices[target.surface.corner_vertex], first)[jump].sum()
@@ -164,7 +162,7 @@ def test_seams_have_no_saw_teeth(source: Sheet, target: Sheet, layout: str) -> N
 def test_no_face_spans_the_seam_of_an_unrolled_tube() -> None:
     source, target = sheet(tube, *GRID), sheet(tube, 97, 61, jitter=0.2, twist=0.05, sides=3, seed=1)
     surface_map = true_map(source, *GRID, target.parameters)
-    margin = transferred(source.corners * 0.8 + 0.1, surface_map, source.surface, target.surface)
+    margin = transfer_uvs(source.corners * 0.8 + 0.1, surface_map, source.surface, target.surface)
     error = margin.values - (target.corners * 0.8 + 0.1)
     turns = np.round(error[:, 0] / 0.8)
     assert (turns.reshape(-1, 3) == turns.reshape(-1, 3)[:, :1]).all()
@@ -177,7 +175,7 @@ def test_corners_stay_in_the_tile_of_their_island() -> None:
     source, target = sheet(tube, *GRID), sheet(tube, 97, 61, jitter=0.2, twist=0.05, sides=3, seed=1)
     tile = np.array([3.0, 1.0])
     surface_map = true_map(source, *GRID, target.parameters)
-    uv = transferred(source.corners + tile, surface_map, source.surface, target.surface).values
+    uv = transfer_uvs(source.corners + tile, surface_map, source.surface, target.surface).values
     assert uv.min(axis=0) == pytest.approx(tile, abs=1e-9)
     assert uv.max(axis=0) == pytest.approx(tile + 1, abs=1e-9)
     assert np.ptp(uv.reshape(-1, 3, 2), axis=1).max() < 0.05
@@ -188,7 +186,7 @@ def test_no_face_spans_the_seam_of_a_globe(count: int) -> None:
     source, uv = globe(160, 100)
     target = sphere(directions(count, seed=2))
     surface_map = SurfaceMap(*closest_points(target.vertices, source.vertices, source.triangles), source.triangles)
-    result = transferred(uv, surface_map, source, target).values
+    result = transfer_uvs(uv, surface_map, source, target).values
     x, y, z = target.vertices[target.corner_vertex].T
     ring, edge = np.hypot(x, y), np.sqrt(4 * np.pi / count)
     off = result - np.stack([np.arctan2(y, x) / (2 * np.pi), 1 - np.arccos(z) / np.pi], axis=1)
@@ -213,20 +211,20 @@ def test_the_identity_returns_the_uvs(sides: int, layout: str) -> None:
         uv = atlas(mesh, *LAYOUTS[layout]).uv
     else:
         uv = mesh.corners + np.random.default_rng(0).uniform(0, 9, (face.max() + 1, 2))[face]
-    assert np.abs(transferred(uv, identity(mesh.surface), mesh.surface, mesh.surface).values - uv).max() < 1e-12
+    assert np.abs(transfer_uvs(uv, identity(mesh.surface), mesh.surface, mesh.surface).values - uv).max() < 1e-12
     alone, _ = split_at_faces(mesh.surface)
-    assert np.abs(transferred(uv, identity(alone), alone, alone).values - uv).max() < 1e-12
+    assert np.abs(transfer_uvs(uv, identity(alone), alone, alone).values - uv).max() < 1e-12
 
 
 @pytest.mark.parametrize("sides", [3, 4, 6])
-def test_the_identity_returns_the_uvs_where_seams_end_at_many_vertices(sides: int) -> None:
+def test_identity_returns_the_uvs_if_seams_end_at_many_vertices(sides: int) -> None:
     mesh = sheet(torus, *GRID, sides=sides)
     random = np.random.default_rng(0)
     uv = mesh.corners + 0.001 * random.normal(size=mesh.corners.shape) * (random.random((len(mesh.corners), 1)) < 0.2)
-    assert np.abs(transferred(uv, identity(mesh.surface), mesh.surface, mesh.surface).values - uv).max() < 1e-12
+    assert np.abs(transfer_uvs(uv, identity(mesh.surface), mesh.surface, mesh.surface).values - uv).max() < 1e-12
 
 
-def test_a_face_between_parts_without_any_seam_takes_one_of_them() -> None:
+def test_face_between_loose_parts_takes_one_of_them() -> None:
     part = sheet(torus, 60, 40)
     count = len(part.surface.vertices)
     vertices = np.concatenate([part.surface.vertices, part.surface.vertices + np.array([10, 0, 0])])
@@ -236,7 +234,7 @@ def test_a_face_between_parts_without_any_seam_takes_one_of_them() -> None:
     surface_map = true_map(part, 60, 40, target.parameters)
     far = target.parameters[:, 0] > 0.5
     triangle = surface_map.triangle + far * len(part.surface.triangles)
-    result = transferred(uv, SurfaceMap(triangle, surface_map.barycentric, two.triangles), two, target.surface).values
+    result = transfer_uvs(uv, SurfaceMap(triangle, surface_map.barycentric, two.triangles), two, target.surface).values
     side = (result[:, 0] > 5).reshape(-1, 3)
     assert (side == side[:, :1]).all()
     assert 0.4 < side.mean() < 0.6
@@ -245,53 +243,53 @@ def test_a_face_between_parts_without_any_seam_takes_one_of_them() -> None:
 def test_a_target_aligned_with_the_seams_is_exact_on_both_sides(source: Sheet) -> None:
     of = atlas(source, 6, 4)
     fine = sheet(torus, 2 * GRID[0], 2 * GRID[1])
-    uv = transferred(of.uv, true_map(source, *GRID, fine.parameters), source.surface, fine.surface).values
+    uv = transfer_uvs(of.uv, true_map(source, *GRID, fine.parameters), source.surface, fine.surface).values
     k = of.island_of(fine.middles)[fine.surface.corner_face]
     assert np.abs(uv - of.chart(fine.corners, k)).max() < 1e-9
 
 
-def test_vertices_that_an_exporter_split_make_no_seam(source: Sheet) -> None:
+def test_vertices_split_by_an_exporter_make_no_seam(source: Sheet) -> None:
     target = sheet(torus, 97, 61, jitter=0.2, twist=0.05, sides=3, seed=1)
     of = atlas(source, 6, 4)
     surface_map = true_map(source, *GRID, target.parameters)
-    whole = transferred(of.uv, surface_map, source.surface, target.surface).values
+    whole = transfer_uvs(of.uv, surface_map, source.surface, target.surface).values
     alone, _ = split_at_faces(source.surface)
     there = replace(surface_map, source_triangles=alone.triangles)
     assert cut_surface(alone, of.uv).island.max() + 1 == of.islands
-    assert np.abs(transferred(of.uv, there, alone, target.surface).values - whole).max() < 1e-9
+    assert np.abs(transfer_uvs(of.uv, there, alone, target.surface).values - whole).max() < 1e-9
 
 
-def test_the_order_of_the_targets_vertices_does_not_matter(source: Sheet) -> None:
+def test_target_vertex_order_does_not_matter(source: Sheet) -> None:
     target = sheet(torus, 97, 61, jitter=0.2, twist=0.05, sides=3, seed=1)
     of = atlas(source, 6, 4)
     other, _ = permute(target)
     one, two = (
-        transferred(of.uv, true_map(source, *GRID, mesh.parameters), source.surface, mesh.surface).values
+        transfer_uvs(of.uv, true_map(source, *GRID, mesh.parameters), source.surface, mesh.surface).values
         for mesh in (target, other)
     )
     assert np.abs(one - two).max() < 1e-12
 
 
-def test_a_noisy_map_still_puts_every_face_into_one_chart(source: Sheet) -> None:
+def test_noisy_maps_keep_every_face_in_one_chart(source: Sheet) -> None:
     target = sheet(torus, 97, 61, jitter=0.2, twist=0.05, sides=3, seed=1)
     noise = np.random.default_rng(5).uniform(-0.5, 0.5, target.parameters.shape) / [97, 61]
     for layout in LAYOUTS.values():
         of = atlas(source, *layout)
         surface_map = true_map(source, *GRID, (target.parameters + noise) % 1)
-        uv = transferred(of.uv, surface_map, source.surface, target.surface).values
+        uv = transfer_uvs(of.uv, surface_map, source.surface, target.surface).values
         _, error = best_chart(uv, target, of)
         # Bound: the steepest chart times an error of half an edge.
         assert error.max() < 1.5 * 0.2 * min(layout) * 0.5 / 61 * np.sqrt(2)
 
 
-def test_votes_count_by_confidence(source: Sheet) -> None:
+def test_votes_are_weighted_by_confidence(source: Sheet) -> None:
     target = sheet(torus, 97, 61, jitter=0.2, twist=0.05, sides=3, seed=1)
     of = atlas(source, 2, 1)
     surface_map = true_map(source, *GRID, target.parameters)
     side = of.island_of(target.parameters)
     covered = []
     for confidence in (np.ones(len(side)), np.where(side == 0, 1.0, 0.1), np.where(side == 1, 1.0, 0.1)):
-        uv = transferred(of.uv, Match(surface_map, confidence), source.surface, target.surface).values
+        uv = transfer_uvs(of.uv, Match(surface_map, confidence), source.surface, target.surface).values
         choice, error = best_chart(uv, target, of)
         assert error.max() < 0.01
         covered.append((choice // 9 == 0).sum())
@@ -303,35 +301,35 @@ def test_votes_count_by_confidence(source: Sheet) -> None:
 def test_a_left_right_flip_is_reported(source: Sheet) -> None:
     target = sheet(torus, 97, 61, sides=3)
     mirrored = true_map(source, *GRID, target.parameters * [1, -1] % 1)
-    result = transferred(atlas(source, 6, 4).uv, mirrored, source.surface, target.surface)
+    result = transfer_uvs(atlas(source, 6, 4).uv, mirrored, source.surface, target.surface)
     (flipped,) = (note for note in result.notes if "flipped" in note)
     assert int(flipped.split()[1].replace(",", "")) > 0.95 * len(target.surface.triangles)
     assert flipped.startswith("UVMap: ")
 
 
-def test_winding_alone_is_no_flip(source: Sheet) -> None:
+def test_reversed_winding_is_not_reported_as_a_flip(source: Sheet) -> None:
     target = sheet(torus, 97, 61)
     inverted = Surface(target.surface.vertices, target.surface.triangles[:, ::-1])
     of = atlas(source, 6, 4)
-    assert not transferred(of.uv, true_map(source, *GRID, target.parameters), source.surface, inverted).notes
+    assert not transfer_uvs(of.uv, true_map(source, *GRID, target.parameters), source.surface, inverted).notes
 
 
 @pytest.mark.parametrize("sides", [3, 4])
-def test_folds_that_the_source_has_are_no_flips(sides: int) -> None:
+def test_folds_of_the_source_are_not_reported_as_flips(sides: int) -> None:
     mesh = sheet(torus, 97, 61, jitter=0.2, sides=sides)
     projected = mesh.surface.vertices[mesh.surface.corner_vertex, :2]  # the upper and lower half overlap
-    notes = transferred(projected, identity(mesh.surface), mesh.surface, mesh.surface).notes
+    notes = transfer_uvs(projected, identity(mesh.surface), mesh.surface, mesh.surface).notes
     assert not [note for note in notes if "flipped" in note]
 
 
-def test_faces_beside_folds_that_the_source_has_are_no_flips(source: Sheet) -> None:
+def test_faces_beside_folds_are_not_reported_as_flips(source: Sheet) -> None:
     seen_from_aside = np.array([[1, 0], [0, 1], [0.5, 0.3]])
     projected = (source.surface.vertices @ seen_from_aside)[source.surface.corner_vertex]
     target = sheet(torus, 97, 61, sides=3)
 
     def flipped(parameters: np.ndarray) -> int:
         along = true_map(source, *GRID, parameters)
-        notes = transferred(projected, along, source.surface, target.surface).notes
+        notes = transfer_uvs(projected, along, source.surface, target.surface).notes
         return sum(int(note.split()[1].replace(",", "")) for note in notes if "flipped" in note)
 
     assert flipped(target.parameters) == 0
@@ -342,11 +340,11 @@ def test_collapsed_and_stretched_faces_and_lost_islands_are_reported(source: She
     target = sheet(torus, 97, 61, sides=3)
     patch = target.parameters[:, 0] < 0.4
     pinned = np.where(patch[:, None], [[0.01, 0.01]], target.parameters)
-    result = transferred(atlas(source, 6, 4).uv, true_map(source, *GRID, pinned), source.surface, target.surface)
+    result = transfer_uvs(atlas(source, 6, 4).uv, true_map(source, *GRID, pinned), source.surface, target.surface)
     report = " ".join(result.notes)
     assert "faces have collapsed UVs." in report
     assert "of 24 UV islands of the source received no face." in report
     random = np.random.default_rng(0)
     scattered = np.where(random.random((len(patch), 1)) < 0.01, random.random((len(patch), 2)), target.parameters)
-    flat = transferred(source.corners, true_map(source, *GRID, scattered), source.surface, target.surface)
+    flat = transfer_uvs(source.corners, true_map(source, *GRID, scattered), source.surface, target.surface)
     assert "faces have strongly stretched UVs." in " ".join(flat.notes)

@@ -15,7 +15,7 @@ from zoomout_core.transfer import Attribute, Domain, Kind, transfer
 from zoomout_core.transfer.uv.chart import uv_seams
 
 
-def transferred(uv: np.ndarray, surface_map: SurfaceMap, source: Surface, target: Surface) -> Attribute:
+def transfer_uvs(uv: np.ndarray, surface_map: SurfaceMap, source: Surface, target: Surface) -> Attribute:
     return transfer(Attribute("UVMap", Domain.CORNER, Kind.UV, uv), surface_map, source, target)
 
 
@@ -41,11 +41,11 @@ def right_half(surface: Surface) -> np.ndarray:
     return np.asarray(middles(surface)[:, :1] > 0.5)
 
 
-def test_faces_of_islands_that_lie_over_each_other_share_no_corners() -> None:
+def test_overlapping_islands_share_no_corners() -> None:
     # At the seam UVs of both islands differ by only 0.01; faces are 0.12 wide.
     source, target = plate(20, 12), plate(9, 8, jitter=0.2)
     step = np.array([0.01, 0.0])
-    uv = transferred(corners(source) + right_half(source) * step, nearest_map(target.vertices, source), source, target)
+    uv = transfer_uvs(corners(source) + right_half(source) * step, nearest_map(target.vertices, source), source, target)
     off = uv.values - corners(target)
     left, right = (of_each_face(np.abs(off - place).max(axis=1) < 1e-9, target) for place in (0 * step, step))
     assert (left | right).all()
@@ -54,14 +54,14 @@ def test_faces_of_islands_that_lie_over_each_other_share_no_corners() -> None:
     assert right[across > 0.6].all()
 
 
-def test_faces_on_both_sides_of_a_narrow_slit_within_an_island_share_no_corners() -> None:
+def test_sides_of_a_slit_within_an_island_share_no_corners() -> None:
     # Across the slit UVs differ by up to 0.07, with faces 0.11 wide; above it they agree.
     source, target = plate(20, 20), plate(9, 9, jitter=0.2)
 
     def chart(places: np.ndarray, beyond: np.ndarray | bool) -> np.ndarray:
         return places + np.stack([0.07 * np.maximum(0.8 - places[:, 1], 0) / 0.8, 0 * places[:, 1]], axis=1) * beyond
 
-    uv = transferred(
+    uv = transfer_uvs(
         chart(corners(source), right_half(source)), nearest_map(target.vertices, source), source, target
     ).values
     here = corners(target)
@@ -73,17 +73,17 @@ def test_faces_on_both_sides_of_a_narrow_slit_within_an_island_share_no_corners(
     assert fits[1][below].any()
 
 
-def test_a_face_takes_the_island_of_most_of_its_area_though_others_are_nearer_to_its_middle() -> None:
+def test_face_takes_the_island_of_most_of_its_area() -> None:
     # Four small islands cover the innermost samples of a square, for either diagonal.
     source, target = plate(14, 14), plate(1, 1)
     at = np.floor(14 * middles(source))
     spots = sum((at == place).all(axis=1) for place in ([9, 4], [4, 9], [4, 4], [9, 9]))
     uv = corners(source) + 3 * spots[:, None] * np.array([[1.0, 2.0]]) * (1 + at)
-    result = transferred(uv, nearest_map(target.vertices, source), source, target).values
+    result = transfer_uvs(uv, nearest_map(target.vertices, source), source, target).values
     np.testing.assert_allclose(result, corners(target), atol=1e-9)
 
 
-def test_uvs_do_not_run_on_steeply_beyond_a_border() -> None:
+def test_extrapolation_beyond_a_border_is_not_steep() -> None:
     # The island ends in a column of faces whose UVs are 40 times as long as elsewhere.
     source, target = plate(20, 4, height=0.2), plate(1, 1, width=0.6, height=0.2)
     target = Surface(target.vertices + np.array([0.05, 0, 0]), [[0, 2, 3, 1]])
@@ -91,7 +91,7 @@ def test_uvs_do_not_run_on_steeply_beyond_a_border() -> None:
     steep = np.where(here[:, 0] > 0.45, 0.45 + slope * (here[:, 0] - 0.45), here[:, 0])
     left = np.column_stack([steep, here[:, 1]])
     uv = np.where(right_half(source), here + 50, left)
-    found = transferred(uv, nearest_map(target.vertices, source), source, target).values
+    found = transfer_uvs(uv, nearest_map(target.vertices, source), source, target).values
     border, width = 0.45 + slope * 0.05, 0.65 - 0.5
     mean = np.sqrt(border * 0.2 / (0.5 * 0.2))
     assert found[:, 0].min() == pytest.approx(0.05)
@@ -113,9 +113,7 @@ def flat(places: np.ndarray, faces: np.ndarray) -> Surface:
     ("factors", "stretched", "collapsed"),
     [((4.5, 1 / 4.5, 1 / 50), 2, 1), ((3.5, 1 / 3.5, 1 / 20), 1, 0), ((6, 1, 1), 1, 0), ((1, 1 / 6, 1), 1, 0)],
 )
-def test_faces_are_reported_whose_uvs_are_much_longer_or_shorter_than_on_the_source(
-    factors: tuple[float, ...], stretched: int, collapsed: int
-) -> None:
+def test_stretched_and_collapsed_faces_are_reported(factors: tuple[float, ...], stretched: int, collapsed: int) -> None:
     # 100 loose squares with the source's total area; three map to larger or smaller parts of it.
     source, count = plate(20, 20), 100
     sides = np.full(count, 0.1)
@@ -124,65 +122,63 @@ def test_faces_are_reported_whose_uvs_are_much_longer_or_shorter_than_on_the_sou
     target = flat(squares(sides, (0, 0)) + np.repeat(grid, 4, axis=0), faces)
     sides[[17, 44, 80]] *= factors
     images = np.column_stack([squares(sides, (0.21, 0.32)), np.zeros(4 * count)])
-    notes = transferred(corners(source), nearest_map(images, source), source, target).notes
+    notes = transfer_uvs(corners(source), nearest_map(images, source), source, target).notes
     told = {note.split("faces have ")[1].split(" ")[0]: int(note.split()[1].replace(",", "")) for note in notes}
     assert told.pop("strongly", 0) == stretched
     assert told.pop("collapsed", 0) == collapsed
     assert not told
 
 
-def bent(places: np.ndarray, knee: float, below: float, above: float) -> np.ndarray:
+def bend_at_knee(places: np.ndarray, knee: float, below: float, above: float) -> np.ndarray:
     """Scale places (c, 2) along each axis by one factor below a knee and another above it."""
     return np.where(places < knee, below * places, below * knee + above * (places - knee))
 
 
 @pytest.mark.parametrize(("knee", "below", "above"), [(0.9, 1, 12), (0.9, 1, 1 / 12), (0.05, 1 / 12, 1)])
-def test_where_an_island_is_denser_or_sparser_its_uvs_may_be_so_as_well(
-    knee: float, below: float, above: float
-) -> None:
+def test_uneven_density_on_the_source_is_not_reported(knee: float, below: float, above: float) -> None:
     source = plate(20, 20)
-    dense = bent(corners(source), knee, below, above)
-    assert transferred(dense, identity(source), source, source).notes == ()
+    dense = bend_at_knee(corners(source), knee, below, above)
+    assert transfer_uvs(dense, identity(source), source, source).notes == ()
     # The corner that samples the source's density is in the sparse region, the face is not.
     coarse = plate(4, 4)
-    assert transferred(dense, nearest_map(coarse.vertices, source), source, coarse).notes == ()
+    assert transfer_uvs(dense, nearest_map(coarse.vertices, source), source, coarse).notes == ()
 
 
-def test_the_less_trusted_samples_of_a_face_count_less() -> None:
+def test_less_trusted_samples_of_a_face_count_less() -> None:
     source, target = plate(20, 20), plate(1, 1)
     uv = np.where(right_half(source), corners(source) + 5, corners(source))
     surface_map = nearest_map(target.vertices, source)
     taken = []
     for trusted in (target.vertices[:, 0] < 0.5, target.vertices[:, 0] > 0.5):
         match = SimpleNamespace(has_partner=None, surface_map=surface_map, confidence=np.where(trusted, 1.0, 0.0))
-        taken.append(transferred(uv, match, source, target).values.mean(axis=0)[0] > 2)
+        taken.append(transfer_uvs(uv, match, source, target).values.mean(axis=0)[0] > 2)
     assert taken == [False, True]
 
 
-def test_nothing_trusted_is_still_a_vote_by_area() -> None:
+def test_votes_go_by_area_if_nothing_is_trusted() -> None:
     source, target = plate(20, 20), plate(1, 1)
     uv = np.where(middles(source)[:, :1] > 0.7, corners(source) + 5, corners(source))
     match = SimpleNamespace(has_partner=None, surface_map=nearest_map(target.vertices, source), confidence=np.zeros(4))
-    np.testing.assert_allclose(transferred(uv, match, source, target).values, corners(target), atol=1e-9)
+    np.testing.assert_allclose(transfer_uvs(uv, match, source, target).values, corners(target), atol=1e-9)
 
 
 @pytest.mark.parametrize("side", [0, 1])
-def test_values_stay_in_the_tile_that_their_island_lies_in_but_not_where_it_lies_in_several(side: int) -> None:
+def test_uvs_stay_in_the_tile_of_islands_within_one_tile(side: int) -> None:
     # Each island is as wide as a tile; a face extends 0.2 beyond the seam.
     source, target = plate(20, 10, width=2), plate(1, 1, width=1.2)
     target = target.with_vertices(target.vertices + np.array([0.8 * side, 0, 0]))
     uv = np.where(middles(source)[:, :1] > 1, corners(source) + np.array([7, 0]), corners(source))
     here = nearest_map(target.vertices, source)
     expected = np.array([[0, 0], [1, 1]]) + np.array([8 * side, 0])
-    found = transferred(uv, here, source, target).values
+    found = transfer_uvs(uv, here, source, target).values
     np.testing.assert_allclose([found.min(axis=0), found.max(axis=0)], expected, atol=1e-9)
     shift = np.array([0.1, 0])
-    across_tiles = transferred(uv + shift, here, source, target).values
+    across_tiles = transfer_uvs(uv + shift, here, source, target).values
     expected = expected + shift + ([[-0.2, 0], [0, 0]] if side else [[0, 0], [0.2, 0]])
     np.testing.assert_allclose([across_tiles.min(axis=0), across_tiles.max(axis=0)], expected, atol=1e-9)
 
 
-def test_the_seams_of_an_atlas_are_where_it_jumps_and_its_borders_are_none() -> None:
+def test_uv_seams_are_where_the_atlas_jumps_but_not_its_borders() -> None:
     mesh = plate(6, 4)
     uv = np.where(right_half(mesh), corners(mesh) + 3, corners(mesh))
     on_seam = (np.abs(mesh.vertices[mesh.edges][:, :, 0] - 0.5) < 1e-9).all(axis=1)
