@@ -144,7 +144,7 @@ def read_faces(mesh: Mesh) -> Faces:
     """The faces of a mesh, which are equal for meshes of the same topology."""
     return Faces(
         len(mesh.vertices),
-        _read_face_starts(mesh),
+        read_array(mesh.polygons, "loop_start", np.int32),
         _read_corner_vertices(mesh),
     )
 
@@ -203,7 +203,7 @@ def _surface(obj: Object, mesh: Mesh, points: np.ndarray, with_edges: Mesh, mirr
     triangle_corners = read_array(mesh.loop_triangles, "loops", np.int32, 3)
     if mirrored:
         triangle_corners = triangle_corners[:, ::-1]
-    face_start = np.append(_read_face_starts(mesh), len(mesh.loops))
+    face_start = np.append(read_array(mesh.polygons, "loop_start", np.int32), len(mesh.loops))
     with _naming(obj):
         return zo.Surface.from_corners(
             points,
@@ -221,17 +221,6 @@ def _naming(obj: Object) -> Iterator[None]:
         yield
     except zo.MeshError as error:
         raise zo.MeshError("'{name}' cannot be used. {reason}", name=obj.name, reason=error) from error
-
-
-def _read_face_starts(mesh: Mesh) -> Integers:
-    """(f,) the first corner of each face.
-
-    Blender calls a function for each face, unless all are triangles: then they follow from the number of corners.
-    """
-    count = len(mesh.polygons)
-    if len(mesh.loops) == 3 * count:
-        return np.arange(0, 3 * count, 3, dtype=np.int32)
-    return read_array(mesh.polygons, "loop_start", np.int32)
 
 
 def _read_corner_vertices(mesh: Mesh) -> Integers:

@@ -275,6 +275,20 @@ def test_an_object_that_blender_does_not_evaluate_is_refused():
         mesh_data.read_source_surface(source, depsgraph())
 
 
+def test_face_with_two_corners_is_refused():
+    # Beside a quad, it has three corners on average, as in a mesh of triangles.
+    mesh = bpy.data.meshes.new("broken")
+    mesh.vertices.add(4)
+    mesh.loops.add(6)
+    mesh.polygons.add(2)
+    mesh.loops.foreach_set("vertex_index", [0, 1, 0, 1, 2, 3])
+    mesh.polygons.foreach_set("loop_start", [0, 2])
+    obj = bpy.data.objects.new("broken", mesh)
+    bpy.context.collection.objects.link(obj)
+    with pytest.raises(zo.MeshError, match="Face 0 has 2 corners"):
+        mesh_data.read_source_surface(obj, depsgraph())
+
+
 def test_a_mesh_without_faces_is_refused_with_the_name_of_its_object():
     with pytest.raises(zo.MeshError, match=r"'Points'.*no faces"):
         mesh_data.read_source_surface(from_pydata("Points", [(0, 0, 0), (1, 0, 0)], []), depsgraph())
