@@ -75,7 +75,7 @@ DAMAGES: dict[str, Callable[[Path, Path], object]] = {
 
 @pytest.mark.slow(but=3)
 @pytest.mark.parametrize("damage", DAMAGES)
-def test_a_stored_shape_that_is_not_the_one_is_as_good_as_none(folder: Path, damage: str) -> None:
+def test_damaged_cached_shape_is_ignored(folder: Path, damage: str) -> None:
     right = matched()
     one, other = sorted(folder.rglob("*.npz"))
     DAMAGES[damage](one, other)

@@ -56,14 +56,16 @@ def idle(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("interface", INTERFACES)
-def test_it_is_said_at_once(interface: str, meshes: Pair, locked: Path) -> None:
+def test_unwritable_folder_is_reported_before_work(interface: str, meshes: Pair, locked: Path) -> None:
     (meshes[0].with_name("copy.ply")).write_bytes(meshes[1].read_bytes())
     assert_refused(run(*INTERFACES[interface](meshes, locked)), "locked is not writable: change its permissions")
     assert not list(locked.iterdir())
 
 
 @pytest.mark.parametrize("option", ["--save", "--report"])
-def test_and_so_it_is_in_blender(option: str, meshes: Pair, locked: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_blender_reports_unwritable_folder(
+    option: str, meshes: Pair, locked: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     bpy.ops.wm.read_factory_settings(use_empty=True)
     for path in meshes:
         bpy.ops.wm.ply_import(filepath=str(path))

@@ -62,7 +62,7 @@ def test_a_layer_that_is_a_pipe_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("leaf", [MESH.partition("\n")[2], 'def Xform "M"\n{\n}\n'])
-def test_instances_of_instances_have_an_end(leaf: str, tmp_path: Path) -> None:
+def test_nested_usd_instances_are_bounded(leaf: str, tmp_path: Path) -> None:
     pytest.importorskip("pxr")
     text = "#usda 1.0\n" + leaf.replace('"M"', '"M0"')
     for level in range(1, 41):
@@ -80,7 +80,7 @@ def test_instances_of_instances_have_an_end(leaf: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "line", ["*INCLUDE, INPUT=/etc/hosts", "*include,input=b.inp", "*Include, a=b.inp, INPUT=../b.inp"]
 )
-def test_abaqus_files_include_no_others(line: str, tmp_path: Path) -> None:
+def test_abaqus_includes_are_refused(line: str, tmp_path: Path) -> None:
     pytest.importorskip("meshio")
     (tmp_path / "a.inp").write_text(f"*NODE\n1, 0, 0, 0\n{line}\n")
     with pytest.raises(MeshError, match="includes other files, which are not read: merge them"):
@@ -97,7 +97,7 @@ def test_abaqus_files_include_no_others(line: str, tmp_path: Path) -> None:
         ("HDF", "none.h5:/data", "There is no file"),
     ],
 )
-def test_xdmf_files_read_no_others(kind: str, name: str, why: str, tmp_path: Path) -> None:
+def test_xdmf_references_to_other_files_are_refused(kind: str, name: str, why: str, tmp_path: Path) -> None:
     pytest.importorskip("meshio")
     item = f'<DataItem Format="{kind}" Dimensions="3 3" DataType="Float">{name}</DataItem>'
     (tmp_path / "a.xdmf").write_text(f"<Xdmf><Domain><Grid><Geometry>{item}</Geometry></Grid></Domain></Xdmf>")
@@ -131,7 +131,7 @@ GRAPHS = {
 
 
 @pytest.mark.parametrize("name", GRAPHS)
-def test_instances_in_xml_have_an_end(name: str, tmp_path: Path) -> None:
+def test_nested_xml_instances_are_bounded(name: str, tmp_path: Path) -> None:
     objects = "".join(of_components(*each) for each in GRAPHS[name])
     with zipfile.ZipFile(tmp_path / "a.3mf", "w") as archive:
         archive.writestr("3D/3dmodel.model", MODEL.format(objects, '<build><item objectid="39"/></build>'))
@@ -163,7 +163,7 @@ def test_usual_instances_are_read() -> None:
         ("a.usda", "#usda 1.0\ndef Mesh {{{\n"),
     ],
 )
-def test_damaged_ones_are_one_sentence_and_nothing_is_printed(
+def test_damaged_files_raise_one_sentence_and_print_nothing(
     name: str, content: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     pytest.importorskip("pxr" if name.endswith(".usda") else "meshio")

@@ -28,7 +28,7 @@ def test_the_document_itself_is_read(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("read", [read_shape, zo.read_asset])
 @pytest.mark.parametrize("name", BROKEN)
-def test_it_is_one_sentence(name: str, read: object, tmp_path: Path) -> None:
+def test_broken_gltf_is_refused_in_one_sentence(name: str, read: object, tmp_path: Path) -> None:
     tree = document()
     BROKEN[name](tree)
     path = tmp_path / "broken.gltf"
@@ -55,7 +55,7 @@ def test_it_is_one_sentence(name: str, read: object, tmp_path: Path) -> None:
         (b"glTF\x02\0\0\0\x18\0\0\0\xff\xff\xff\xffJSON{}  ", "it ends too early"),
     ],
 )
-def test_what_is_no_gltf_is_one_sentence(content: bytes, why: str, tmp_path: Path) -> None:
+def test_non_gltf_content_is_refused_in_one_sentence(content: bytes, why: str, tmp_path: Path) -> None:
     for ending in (".gltf", ".glb"):
         path = tmp_path / f"broken{ending}"
         path.write_bytes(content)
@@ -64,7 +64,7 @@ def test_what_is_no_gltf_is_one_sentence(content: bytes, why: str, tmp_path: Pat
                 read(path)
 
 
-def test_the_command_says_so(meshes: tuple[Path, Path], tmp_path: Path) -> None:
+def test_command_refuses_broken_gltf(meshes: tuple[Path, Path], tmp_path: Path) -> None:
     path = tmp_path / "broken.gltf"
     tree = document()
     BROKEN["a cycle of two nodes"](tree)
@@ -75,7 +75,7 @@ def test_the_command_says_so(meshes: tuple[Path, Path], tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("extras", [1, "text", [1, 2], True, {"targetNames": 5}, {"targetNames": [1, None]}])
-def test_free_data_of_any_type_is_no_fault(extras: object, tmp_path: Path) -> None:
+def test_extras_of_any_type_are_accepted(extras: object, tmp_path: Path) -> None:
     tree = document()
     tree["meshes"][0]["extras"] = extras
     tree["nodes"][2]["extras"] = extras
@@ -86,7 +86,7 @@ def test_free_data_of_any_type_is_no_fault(extras: object, tmp_path: Path) -> No
     assert len(zo.read_asset(tmp_path / "again.glb").surface.triangles) == 1
 
 
-def test_coordinates_beyond_single_floats_are_one_sentence(tmp_path: Path) -> None:
+def test_coordinates_beyond_float32_are_refused(tmp_path: Path) -> None:
     surface = zo.Surface([[0.0, 0, 0], [1e50, 0, 0], [0, 1e50, 0]], [[0, 1, 2]])
     for ending in (".glb", ".gltf"):
         with pytest.raises(MeshError, match="too large for the single floats of glTF: check"):

@@ -56,7 +56,7 @@ def test_landmarks_that_cannot_be_right_are_named(case: str) -> None:
         zo.match(SOURCE, SOURCE, landmarks=landmarks, **OPTIONS)
 
 
-def test_a_pair_that_stands_there_twice_counts_once_and_that_is_said() -> None:
+def test_repeated_pair_counts_once_with_a_note() -> None:
     once = zo.match(SOURCE, SOURCE, landmarks=([3, 90, 150], [3, 90, 150]), **OPTIONS)
     twice = zo.match(SOURCE, SOURCE, landmarks=([3, 90, 3, 150], [3, 90, 3, 150]), **OPTIONS)
     np.testing.assert_array_equal(once.surface_map.triangle, twice.surface_map.triangle)
@@ -83,7 +83,7 @@ def test_landmarks_that_contradict_the_map_are_noted() -> None:
         ("# source and target\n\n3 4\n90 x\n", "not a list of landmarks (line 4)"),
     ],
 )
-def test_the_command_names_them(meshes: tuple[Path, Path], lines: str, sentence: str) -> None:
+def test_command_names_invalid_landmarks(meshes: tuple[Path, Path], lines: str, sentence: str) -> None:
     listed = meshes[0].with_name("landmarks.txt")
     listed.write_text(lines)
     output = meshes[0].with_name("map.npz")
@@ -147,7 +147,7 @@ BROKEN = {
 
 
 @pytest.mark.parametrize(("ending", "text"), [(ending, text) for ending, texts in BROKEN.items() for text in texts])
-def test_broken_files_of_landmarks_are_one_sentence(ending: str, text: str, tmp_path: Path) -> None:
+def test_broken_landmark_files_raise_one_sentence(ending: str, text: str, tmp_path: Path) -> None:
     path = tmp_path / f"broken{ending}"
     path.write_text(text)
     with pytest.raises(
@@ -161,7 +161,7 @@ NAMES = ["#1", "a\nb", "a\n#b", 'a,"b"', "a\u2028b", "a\x0cb", "", "Gr\u00fcn"]
 
 
 @pytest.mark.parametrize("ending", BROKEN)
-def test_names_of_landmarks_survive(ending: str, tmp_path: Path) -> None:
+def test_landmark_names_survive_a_round_trip(ending: str, tmp_path: Path) -> None:
     names = tuple(name or "F-7" for name in NAMES) if ending != ".csv" else tuple(NAMES)
     points = np.arange(24.0).reshape(-1, 3)
     write_landmark_file(LandmarkSet(names, points, confidence=np.ones(8)), tmp_path / f"a{ending}")
@@ -181,14 +181,14 @@ def test_headings_give_the_order(text: str, tmp_path: Path) -> None:
     assert found.points.tolist() == [[1, 2, 3]]
 
 
-def test_half_a_character_is_replaced(tmp_path: Path) -> None:
+def test_lone_surrogate_in_name_is_replaced(tmp_path: Path) -> None:
     (tmp_path / "a.mrk.json").write_text(at([1, 2, 3]).replace("Nasion", "\\ud800"))
     write_landmark_file(read_landmark_file(tmp_path / "a.mrk.json"), tmp_path / "b.mrk.json")
     assert read_landmark_file(tmp_path / "b.mrk.json").names == ("?",)
 
 
 @pytest.mark.parametrize("far", [1e80, 1e160, 1e300, 1e308])
-def test_landmarks_far_beyond_numbers(far: float, meshes: tuple[Path, Path], tmp_path: Path) -> None:
+def test_huge_landmark_coordinates_are_refused(far: float, meshes: tuple[Path, Path], tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="away from its surface: give points"):
         zo.match(SOURCE, SOURCE, landmarks=([[far, 0, 0]], [1]), **OPTIONS)
     (tmp_path / "l.csv").write_text(f"A,{far},0,0\n")
@@ -197,12 +197,12 @@ def test_landmarks_far_beyond_numbers(far: float, meshes: tuple[Path, Path], tmp
 
 
 @pytest.mark.parametrize("encoding", ["utf-8-sig", "cp1252"])
-def test_pairs_of_other_programs_are_read(encoding: str, tmp_path: Path) -> None:
+def test_pairs_in_common_encodings_are_read(encoding: str, tmp_path: Path) -> None:
     (tmp_path / "pairs.txt").write_bytes("3 4\n50 51 # Ohr, gr\u00fcn\n".encode(encoding))
     assert [each.tolist() for each in read_landmarks(str(tmp_path / "pairs.txt"))] == [[3, 50], [4, 51]]
 
 
-def test_pairs_in_another_encoding_are_refused(tmp_path: Path) -> None:
+def test_utf_16_pairs_are_refused(tmp_path: Path) -> None:
     (tmp_path / "pairs.txt").write_bytes("3 4\n50 51\n".encode("utf-16"))
     with pytest.raises(MeshError, match="save it as plain text in UTF-8"):
         read_landmarks(str(tmp_path / "pairs.txt"))

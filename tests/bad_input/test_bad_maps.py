@@ -91,7 +91,7 @@ WRONG: dict[str, Callable[[], bytes]] = {
 
 
 @pytest.mark.parametrize("name", [*HOSTILE, *WRONG])
-def test_it_is_one_sentence(name: str, tmp_path: Path) -> None:
+def test_damaged_map_is_refused_in_one_sentence(name: str, tmp_path: Path) -> None:
     path = tmp_path / "map.npz"
     path.write_bytes((HOSTILE | WRONG)[name]())
     for read in (lambda: zo.SurfaceMap.load(path, SURFACE), lambda: read_vertex_map(path)):
@@ -102,7 +102,7 @@ def test_it_is_one_sentence(name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_bomb_takes_no_memory(tmp_path: Path) -> None:
+def test_decompression_bomb_takes_no_memory(tmp_path: Path) -> None:
     """A megabyte that decompresses to a gigabyte, and a small file above the limit."""
     path = tmp_path / "map.npz"
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive, archive.open("triangle.npy", "w") as member:
@@ -118,7 +118,7 @@ def test_a_bomb_takes_no_memory(tmp_path: Path) -> None:
         read_arrays(path, max_bytes=1 << 20)
 
 
-def test_every_door_says_so(meshes: tuple[Path, Path], tmp_path: Path) -> None:
+def test_commands_refuse_damaged_maps(meshes: tuple[Path, Path], tmp_path: Path) -> None:
     path = tmp_path / "bad.npz"
     for name in ("petabytes stated of both", "bits flipped everywhere", "negative triangles"):
         path.write_bytes((HOSTILE | WRONG)[name]())
@@ -130,7 +130,7 @@ def test_every_door_says_so(meshes: tuple[Path, Path], tmp_path: Path) -> None:
     assert not (tmp_path / "out.npz").exists()
 
 
-def test_what_is_written_is_read_whatever_the_order_in_memory(tmp_path: Path) -> None:
+def test_map_is_read_in_any_memory_order(tmp_path: Path) -> None:
     path = tmp_path / "map.npz"
     np.savez(path, triangle=WHOLE["triangle"].astype(">i4"), barycentric=np.asfortranarray(WHOLE["barycentric"]))
     loaded = zo.SurfaceMap.load(path, SURFACE)
@@ -140,7 +140,7 @@ def test_what_is_written_is_read_whatever_the_order_in_memory(tmp_path: Path) ->
 
 @pytest.mark.parametrize("name", ["confidence", "has_partner", "source_has_partner"])
 @pytest.mark.parametrize("kind", ["U1", "S1", "M8[s]", "c16", "O"])
-def test_a_match_whose_values_are_no_numbers(name: str, kind: str, tmp_path: Path) -> None:
+def test_non_numeric_match_values_are_refused(name: str, kind: str, tmp_path: Path) -> None:
     whole = {each: np.ones(100) for each in ("confidence", "has_partner", "source_has_partner")}
     whole[name] = np.full(100, 1).astype(kind)
     whole["vertex"] = SURFACE.triangles[WHOLE["triangle"], 0]
@@ -167,7 +167,7 @@ def test_a_result_that_was_changed_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("fault", ["triangle", "below zero", "nan", "sum", "shape"])
-def test_a_map_in_memory_whose_arrays_are_wrong_is_refused(fault: str) -> None:
+def test_invalid_map_in_memory_is_refused(fault: str) -> None:
     count = len(SURFACE.vertices)
     triangle, barycentric = np.zeros(count, dtype=int), np.tile([1.0, 0, 0], (count, 1))
     match fault:

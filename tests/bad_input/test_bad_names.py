@@ -41,7 +41,7 @@ NAMES = {
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_faces_and_materials_stay(name: str, tmp_path: Path) -> None:
+def test_unusual_material_names_keep_faces_and_materials(name: str, tmp_path: Path) -> None:
     surface = Surface([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]])
     materials = Material(NAMES[name], (1, 0, 0, 1), PNG), Material("Blue", (0, 0, 1, 1))
     asset = Asset(surface, (material_numbers(np.array([0, 1])),), materials)
@@ -55,7 +55,7 @@ def test_faces_and_materials_stay(name: str, tmp_path: Path) -> None:
         assert zo.read_asset(tmp_path / f"a{ending}").materials[0].image == PNG
 
 
-def test_changed_names_are_distinct_and_said(tmp_path: Path) -> None:
+def test_changed_material_names_are_distinct_and_reported(tmp_path: Path) -> None:
     surface = Surface([[0.0, 0, 0], [1, 0, 0], [1, 1, 0]], [[0, 1, 2]] * 4)
     names = ["Skin", "Skin", "a\nb", "a b"]
     materials = tuple(Material(name, (number / 4, 0, 0, 1)) for number, name in enumerate(names))
@@ -67,7 +67,7 @@ def test_changed_names_are_distinct_and_said(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("stem", ["a # b", "a\\", "-s 1", "a  b", "\u732b", "a%20b", "a\u2028b", "a\nb"])
-def test_names_of_outputs_may_be_any(stem: str, tmp_path: Path) -> None:
+def test_output_names_may_contain_any_characters(stem: str, tmp_path: Path) -> None:
     surface = Surface([[0.0, 0, 0], [1, 0, 0], [1, 1, 0]], [[0, 1, 2]])
     asset = Asset(surface, (material_numbers(np.zeros(1, dtype=int)),), (Material("Red", (1, 0, 0, 1), PNG),))
     for ending in (".obj", ".gltf", ".glb"):
@@ -95,7 +95,7 @@ def test_a_separator_in_a_comment_adds_no_faces(separator: str, tmp_path: Path) 
 
 
 @pytest.mark.parametrize("locale", ["C", "en_US.ISO-8859-1"])
-def test_files_are_the_same_in_each_locale(locale: str, tmp_path: Path) -> None:
+def test_written_files_do_not_depend_on_locale(locale: str, tmp_path: Path) -> None:
     code = """
 import sys
 import numpy as np
@@ -115,7 +115,7 @@ for ending in ("obj", "gltf"):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="names are more restricted elsewhere")
-def test_names_do_not_act_on_the_terminal(tmp_path: Path) -> None:
+def test_names_are_escaped_on_the_terminal(tmp_path: Path) -> None:
     code = """
 import sys
 from zoomout_core.__main__ import main

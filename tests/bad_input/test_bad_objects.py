@@ -130,7 +130,7 @@ def outcome(target: Object) -> str:
 
 
 @pytest.mark.parametrize("name", TARGETS)
-def test_a_target_is_used_or_refused_in_a_sentence(name: str) -> None:
+def test_odd_target_is_matched_or_refused_in_a_sentence(name: str) -> None:
     source, target = body("Source", 0), body("Target", 1)
     source.vertex_groups.new(name="Bone").add(range(200), 1.0, "REPLACE")
     change, said = TARGETS[name]
@@ -176,7 +176,7 @@ SOURCES: dict[str, tuple[Callable[[Object], None], list[str]]] = {
 
 @pytest.mark.filterwarnings("ignore:invalid value")
 @pytest.mark.parametrize("name", SOURCES)
-def test_what_a_source_carries_is_carried_or_refused_in_a_sentence(name: str) -> None:
+def test_odd_source_data_is_transferred_or_refused(name: str) -> None:
     source, target = body("Source", 0), body("Target", 0)
     change, data = SOURCES[name]
     change(source)

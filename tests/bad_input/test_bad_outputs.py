@@ -19,7 +19,7 @@ from zoomout_core.runtime.outputs import ABANDONED, OutputError, atomic_write, a
 # --- written whole or not at all ----------------------------------------------------------------------------
 
 
-def test_what_fails_on_the_way_leaves_the_former_file_and_nothing_else(tmp_path: Path) -> None:
+def test_failed_write_keeps_the_existing_file(tmp_path: Path) -> None:
     path = tmp_path / "a.txt"
     path.write_text("before")
     with pytest.raises(RuntimeError), atomic_write(path) as part:  # noqa: PT012
@@ -35,7 +35,7 @@ def test_what_fails_on_the_way_leaves_the_former_file_and_nothing_else(tmp_path:
         pass
 
 
-def test_a_write_that_a_limit_ended_in_silence_is_noticed(tmp_path: Path, size_limit: Limit) -> None:
+def test_silently_truncated_write_is_noticed(tmp_path: Path, size_limit: Limit) -> None:
     path = tmp_path / "a.txt"
     path.write_text("before")
     with size_limit(4096), pytest.raises(OutputError, match="File too large"), atomic_write(path) as part:
@@ -47,7 +47,7 @@ def test_a_write_that_a_limit_ended_in_silence_is_noticed(tmp_path: Path, size_l
     assert contents(tmp_path) == {"a.txt": b"before"}
 
 
-def test_a_kill_leaves_the_former_file_and_its_remains_go_later(tmp_path: Path) -> None:
+def test_killed_write_keeps_file_and_its_remains_are_removed_later(tmp_path: Path) -> None:
     path = tmp_path / "a.txt"
     path.write_text("before")
     code = f"""
@@ -81,7 +81,7 @@ def test_links_permissions_and_long_names_stay(tmp_path: Path) -> None:
     assert path.stat().st_mode & 0o777 == 0o640
 
 
-def test_a_file_that_is_no_file_is_written_to_directly() -> None:
+def test_device_is_written_directly() -> None:
     with atomic_write(os.devnull) as part:
         assert str(part) == os.devnull
 
@@ -100,7 +100,7 @@ def test_an_input_is_recognised_by_any_name(tmp_path: Path) -> None:
         check_output(other, [path], in_place=True)
 
 
-def test_zoomout_does_not_write_its_map_over_the_one_that_it_reads(meshes: tuple[Path, Path], tmp_path: Path) -> None:
+def test_match_does_not_overwrite_its_initial_map(meshes: tuple[Path, Path], tmp_path: Path) -> None:
     path = tmp_path / "map.npz"
     assert run(zoomout, "match", *meshes, "-o", path, "--initial", "nearest").exit_code == 0
     before = contents(tmp_path)
@@ -113,9 +113,7 @@ def test_zoomout_does_not_write_its_map_over_the_one_that_it_reads(meshes: tuple
     assert again.exit_code == 0, again.output
 
 
-def test_zoomout_keeps_the_former_map_where_a_limit_ends_the_new_one(
-    meshes: tuple[Path, Path], tmp_path: Path, size_limit: Limit
-) -> None:
+def test_full_disk_keeps_the_existing_map(meshes: tuple[Path, Path], tmp_path: Path, size_limit: Limit) -> None:
     path = tmp_path / "map.npz"
     np.savez(path, vertex=np.arange(3))
     before = contents(tmp_path)
@@ -125,7 +123,7 @@ def test_zoomout_keeps_the_former_map_where_a_limit_ends_the_new_one(
     assert contents(tmp_path) == before
 
 
-def test_where_nothing_can_be_written_is_said_before_the_match(meshes: tuple[Path, Path], tmp_path: Path) -> None:
+def test_unwritable_folder_is_refused_before_match(meshes: tuple[Path, Path], tmp_path: Path) -> None:
     if os.name != "posix" or os.geteuid() == 0:
         pytest.skip("permissions do not hold this user back")
     folder = tmp_path / "locked"

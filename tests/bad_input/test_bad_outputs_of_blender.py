@@ -33,19 +33,19 @@ def match(*more: object) -> int:
 
 
 @pytest.mark.parametrize("option", ["--save", "--report"])
-def test_the_open_file_is_not_written_over(tmp_path: Path, capsys: pytest.CaptureFixture[str], option: str) -> None:
+def test_open_file_is_not_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[str], option: str) -> None:
     before = contents(tmp_path)
     assert match(option, tmp_path / "open.blend") == 1
     assert "open.blend is an input, and would be overwritten" in capsys.readouterr().err
     assert contents(tmp_path) == before
 
 
-def test_nor_is_one_output_over_the_other(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_two_outputs_cannot_share_a_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert match("--save", tmp_path / "a.blend", "--report", tmp_path / "a.blend") == 1
     assert "--save and --report both name" in capsys.readouterr().err
 
 
-def test_in_place_means_it(tmp_path: Path) -> None:
+def test_in_place_overwrites_the_open_file(tmp_path: Path) -> None:
     before = contents(tmp_path)
     assert match("--save", tmp_path / "open.blend", "--in-place") == 0
     after = contents(tmp_path)
@@ -53,7 +53,7 @@ def test_in_place_means_it(tmp_path: Path) -> None:
     assert after["open.blend"] != before["open.blend"]
 
 
-def test_a_limit_leaves_the_former_file_and_is_a_sentence(
+def test_full_disk_keeps_the_existing_file(
     tmp_path: Path, size_limit: Limit, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out, report = tmp_path / "out.blend", tmp_path / "report.json"

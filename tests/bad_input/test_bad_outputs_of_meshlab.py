@@ -58,7 +58,7 @@ def test_an_output_that_is_an_input_is_refused(coloured: tuple[Path, Path], scri
     assert contents(tmp_path)[target.name] == before[target.name]
 
 
-def test_in_place_means_it(coloured: tuple[Path, Path], tmp_path: Path) -> None:
+def test_in_place_overwrites_the_target(coloured: tuple[Path, Path], tmp_path: Path) -> None:
     source, target = coloured
     ran = run("transfer", source, target, "-o", target, "--in-place", "--detail", "fast")
     assert ran.exit_code == 0, ran.output
@@ -69,7 +69,7 @@ def test_in_place_means_it(coloured: tuple[Path, Path], tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("ending", ["ply", "obj", "off", "stl"])
-def test_a_limit_leaves_the_former_file(
+def test_full_disk_keeps_the_existing_file(
     meshes: tuple[Path, Path], script: Path, tmp_path: Path, size_limit: Limit, ending: str
 ) -> None:
     out = tmp_path / f"out.{ending}"
@@ -81,7 +81,7 @@ def test_a_limit_leaves_the_former_file(
     assert contents(tmp_path) == before
 
 
-def test_a_report_that_cannot_be_written_leaves_the_former_one(
+def test_unwritable_report_keeps_the_existing_one(
     coloured: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder = tmp_path / "out"
@@ -111,7 +111,7 @@ def textured(folder: Path, color: str) -> Path:
     return folder / "mesh.ply"
 
 
-def test_a_texture_that_was_read_is_neither_written_again_nor_replaced_by_another(tmp_path: Path) -> None:
+def test_input_textures_are_neither_rewritten_nor_replaced(tmp_path: Path) -> None:
     red, blue = textured(tmp_path / "red", "red"), textured(tmp_path / "blue", "blue")
     ms = pymeshlab.MeshSet()
     inputs = {}

@@ -134,9 +134,7 @@ def draw_panels() -> None:
 
 
 @pytest.mark.parametrize("name", DAMAGE)
-def test_a_damaged_match_is_refused_or_as_good_as_none_and_matching_again_heals_it(
-    pair: tuple[bpy.types.Object, bpy.types.Object], name: str
-) -> None:
+def test_matching_again_repairs_a_damaged_match(pair: tuple[bpy.types.Object, bpy.types.Object], name: str) -> None:
     source, target = pair
     DAMAGE[name](target.data)
     draw_panels()
@@ -156,7 +154,7 @@ def test_entries_of_another_match_are_noticed(pair: tuple[bpy.types.Object, bpy.
         transfer(source, target)
 
 
-def test_a_match_of_an_earlier_version_has_no_hash_of_its_entries(
+def test_match_of_an_earlier_version_needs_no_hash(
     pair: tuple[bpy.types.Object, bpy.types.Object],
 ) -> None:
     described(pair[1].data, entries=None)
@@ -164,9 +162,7 @@ def test_a_match_of_an_earlier_version_has_no_hash_of_its_entries(
 
 
 @pytest.mark.parametrize("text", ["{", "[]", '{"candidates": 3, "chosen": 0}', "null", "ÿ"])
-def test_other_descriptions_that_are_damaged_are_as_good_as_none(
-    pair: tuple[bpy.types.Object, bpy.types.Object], text: str
-) -> None:
+def test_damaged_descriptions_are_ignored(pair: tuple[bpy.types.Object, bpy.types.Object], text: str) -> None:
     _, target = pair
     for store in (stored_candidates, stored_report, stored_symmetry):
         target.data[store.PROPERTY] = text
@@ -193,9 +189,7 @@ CANDIDATES: dict[str, dict[str, object]] = {
 
 
 @pytest.mark.parametrize("name", CANDIDATES)
-def test_a_damaged_list_of_candidates_is_as_good_as_none(
-    pair: tuple[bpy.types.Object, bpy.types.Object], name: str
-) -> None:
+def test_damaged_candidate_list_is_ignored(pair: tuple[bpy.types.Object, bpy.types.Object], name: str) -> None:
     mesh, colors = pair[1].data, np.zeros((3, 3), np.uint8)
     listed = stored_candidates.ListedCandidate(0, 1.0, False, colors)
     listing = stored_candidates.CandidateList("key", 0, np.arange(3), np.zeros((3, 3)), np.ones(3), (listed,))
@@ -218,7 +212,7 @@ REPORTS: dict[str, dict[str, object]] = {
 
 
 @pytest.mark.parametrize("name", REPORTS)
-def test_a_damaged_report_is_as_good_as_none(pair: tuple[bpy.types.Object, bpy.types.Object], name: str) -> None:
+def test_damaged_report_is_ignored(pair: tuple[bpy.types.Object, bpy.types.Object], name: str) -> None:
     transfer(*pair)
     target = pair[1]
     assert stored_report.transfer_report(target) is not None
@@ -227,7 +221,7 @@ def test_a_damaged_report_is_as_good_as_none(pair: tuple[bpy.types.Object, bpy.t
     draw_panels()
 
 
-def test_a_report_of_data_that_this_version_does_not_know_is_shown(
+def test_report_with_unknown_data_is_shown(
     pair: tuple[bpy.types.Object, bpy.types.Object],
 ) -> None:
     transfer(*pair)

@@ -20,7 +20,7 @@ OPTIONS: dict[str, Any] = {"k_final": 20, "samples": 60, "initial": "proximity"}
 
 @pytest.mark.parametrize("value", [3.4e38, 1e9, -1e20, 1e308, np.nan, np.inf], ids=str)
 @pytest.mark.parametrize("role", ["source", "target"])
-def test_a_vertex_of_faces_that_is_nowhere_near_is_named(value: float, role: str) -> None:
+def test_distant_or_nan_vertex_of_a_face_is_named(value: float, role: str) -> None:
     vertices = SOURCE.vertices.copy()
     vertices[7, 1] = value
     pair = [(vertices, SOURCE.triangles), SOURCE]
@@ -39,7 +39,7 @@ def test_a_vertex_of_no_face_may_be_anywhere(value: float, role: str) -> None:
     assert np.isfinite(result.surface_map.barycentric).all()
 
 
-def test_a_part_that_lies_far_away_is_matched_beside() -> None:
+def test_distant_part_is_accepted() -> None:
     far = zo.Surface(
         np.vstack([SOURCE.vertices, 1e9 + np.eye(3)]), np.vstack([SOURCE.triangles, [[COUNT, COUNT + 1, COUNT + 2]]])
     )
@@ -47,7 +47,7 @@ def test_a_part_that_lies_far_away_is_matched_beside() -> None:
 
 
 @pytest.mark.parametrize("kind", [np.float32, np.float64])
-def test_a_shape_so_far_away_that_rounding_destroys_it_is_refused(kind: type) -> None:
+def test_shape_destroyed_by_rounding_is_refused(kind: type) -> None:
     distance = 1e16 if kind == np.float64 else 1e7
     far = (SOURCE.vertices + distance * np.array([1, 0.7, 0.3])).astype(kind)
     for pair in ((far, SOURCE.triangles), SOURCE), (SOURCE, zo.PointCloud(far)):
@@ -55,7 +55,7 @@ def test_a_shape_so_far_away_that_rounding_destroys_it_is_refused(kind: type) ->
             zo.match(*pair, **OPTIONS)
 
 
-def test_one_that_rounding_changes_is_matched_with_a_note() -> None:
+def test_shape_changed_by_rounding_is_matched_with_a_note() -> None:
     far = SOURCE.vertices + 4e14
     (note,) = (str(note) for note in zo.match(SOURCE, (far, SOURCE.triangles), **OPTIONS).notes if "rounded" in note)
     assert note.startswith("The target is so far from its origin that its coordinates are rounded by ")
@@ -63,7 +63,7 @@ def test_one_that_rounding_changes_is_matched_with_a_note() -> None:
 
 @pytest.mark.parametrize("kind", [np.float32, np.float64])
 @pytest.mark.parametrize("distance", [0, 1e3, 1e5])
-def test_one_that_it_does_not_change_has_no_note(kind: type, distance: float) -> None:
+def test_shape_unchanged_by_rounding_has_no_note(kind: type, distance: float) -> None:
     surface = zo.Surface((SOURCE.vertices + distance).astype(kind), SOURCE.triangles)
     assert not any("rounded" in note for note in zo.match(SOURCE, surface, **OPTIONS).notes)
 
@@ -92,7 +92,7 @@ def test_values_that_are_not_finite_are_filled_in_and_counted(domain: zo.Domain,
 @pytest.mark.parametrize(
     ("kind", "columns"), [(zo.Kind.VECTOR, 5), (zo.Kind.COLOR, 4), (zo.Kind.DIRECTION, 3), (zo.Kind.NORMAL, 3)]
 )
-def test_so_are_rows_of_which_one_number_is_not(kind: zo.Kind, columns: int) -> None:
+def test_rows_with_one_nan_are_filled_in_and_counted(kind: zo.Kind, columns: int) -> None:
     values = np.full((COUNT, columns), 0.25)
     values[11, 1] = np.nan
     moved = zo.transfer(zo.Attribute("rows", zo.Domain.POINT, kind, values), IDENTITY, SOURCE, SOURCE)
@@ -100,13 +100,13 @@ def test_so_are_rows_of_which_one_number_is_not(kind: zo.Kind, columns: int) -> 
     assert moved.notes[0].startswith(f"1 of {COUNT} values of 'rows'")
 
 
-def test_of_values_none_of_which_is_finite_nothing_is_made() -> None:
+def test_attribute_without_finite_values_is_refused() -> None:
     nothing = zo.Attribute("heat", zo.Domain.POINT, zo.Kind.SCALAR, np.full(COUNT, np.nan))
     with pytest.raises(zo.MeshError, match="'heat' has no finite values"):
         zo.transfer(nothing, IDENTITY, SOURCE, SOURCE)
 
 
-def test_kinds_that_cannot_do_without_a_value_say_how_many_are_not_finite() -> None:
+def test_nan_quaternions_are_refused_with_their_count() -> None:
     quaternions = np.tile([1.0, 0, 0, 0], (COUNT, 1))
     quaternions[[3, 5]] = np.nan
     with pytest.raises(zo.MeshError, match="'turn' has 8 values that are not finite"):

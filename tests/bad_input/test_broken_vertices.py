@@ -55,7 +55,7 @@ def test_faces_of_broken_vertices_are_left_out(name: str, write: object, tmp_pat
     assert zo.read_asset(tmp_path / f"again{path.suffix}").surface.vertices.shape == (5, 3)
 
 
-def test_broken_vertices_of_gltf(tmp_path: Path) -> None:
+def test_gltf_faces_of_nan_vertices_are_left_out(tmp_path: Path) -> None:
     tree = document()
     data = DATA + np.array([[np.nan, 0, 0], [0, 0, 0], [1, 0, 0], [1, 1, 0]], "<f4").tobytes()
     data += np.array([0, 1, 2, 1, 2, 3, 0, 0], "<u2").tobytes()
@@ -77,7 +77,7 @@ def test_broken_vertices_of_gltf(tmp_path: Path) -> None:
     assert len(zo.read_asset(tmp_path / "b.glb").surface.triangles) == 1
 
 
-def test_skins_reach_a_target_with_a_broken_vertex() -> None:
+def test_skin_is_transferred_to_target_with_nan_vertex() -> None:
     surface = creature(300).surface
     weights = np.column_stack([np.ones(300), np.zeros(300)])
     transforms = np.tile(np.eye(4), (2, 1, 1))
@@ -95,7 +95,7 @@ def test_skins_reach_a_target_with_a_broken_vertex() -> None:
     np.testing.assert_array_equal(made.asset.surface.vertices, target.vertices)
 
 
-def test_the_command_says_so(meshes: tuple[Path, Path], tmp_path: Path) -> None:
+def test_command_reports_nan_vertices(meshes: tuple[Path, Path], tmp_path: Path) -> None:
     surface = zo.read_surface(meshes[1])
     vertices = [" ".join(map(str, each)) for each in surface.vertices.tolist()]
     vertices[7] = "nan nan nan"

@@ -85,7 +85,7 @@ def test_the_places_that_start_processes_are_known() -> None:
 
 @pytest.mark.parametrize("name", ["numpy", "tempfile"])
 def test_python_itself_imports_from_the_folder(name: str, planted: Path) -> None:
-    """Else the other tests could not fail."""
+    """Otherwise the other tests could not fail."""
     subprocess.run([sys.executable, "-c", f"import {name}"], check=False)
     assert planted.read_text().split()[0] == name
 
@@ -93,7 +93,7 @@ def test_python_itself_imports_from_the_folder(name: str, planted: Path) -> None
 # --- each process imports nothing from the user's folder -----------------------------------------------------
 
 
-def test_blender_as_a_module(planted: Path, mesh: Path, tmp_path: Path) -> None:
+def test_blender_module_imports_nothing_from_working_folder(planted: Path, mesh: Path, tmp_path: Path) -> None:
     pytest.importorskip("bpy")
     blender_files.write_surface(mesh, tmp_path / "made.ply")
     assert (tmp_path / "made.ply").exists()
@@ -119,7 +119,7 @@ def test_blender_as_a_program_starts_in_an_empty_folder(
     assert all(Path(word).is_absolute() for word in arguments.split() if word.endswith((".ply", ".json")))
 
 
-def test_the_trial_of_a_file(planted: Path, mesh: Path) -> None:
+def test_file_trial_imports_nothing_from_working_folder(planted: Path, mesh: Path) -> None:
     pytest.importorskip("pymeshlab")
     outer = [sys.executable, "-c", TRIAL.format(path=os.path.relpath(mesh))]
     ran = subprocess.run(outer, env=os.environ | {"PYTHONPATH": str(REPOSITORY)}, capture_output=True, text=True)
@@ -128,7 +128,7 @@ def test_the_trial_of_a_file(planted: Path, mesh: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_workers_of_a_collection(planted: Path) -> None:
+def test_collection_workers_import_nothing_from_working_folder(planted: Path) -> None:
     before = dict(os.environ)
     with local_engine(2, 0) as engine:
         (done,) = engine.as_completed([Task("folder", os.getcwd, ())])
@@ -138,8 +138,8 @@ def test_the_workers_of_a_collection(planted: Path) -> None:
 
 
 @pytest.mark.parametrize("module", ["zoomout_core", "meshlab_filter"])
-def test_the_commands_as_modules(module: str, tmp_path: Path, mesh: Path) -> None:
-    """`python -m` looks there first, so modules of Python's library cannot be helped; see SECURITY.md."""
+def test_commands_as_modules_import_no_packages_from_working_folder(module: str, tmp_path: Path, mesh: Path) -> None:
+    """`python -m` searches there first, so modules of Python's library cannot be protected; see SECURITY.md."""
     here, mark = plant(tmp_path, PACKAGES)
     environment = os.environ | {"PYTHONPATH": str(REPOSITORY)}
     command = [sys.executable, "-m", module, *(["info", str(mesh)] if module == "zoomout_core" else ["list"])]
@@ -149,7 +149,7 @@ def test_the_commands_as_modules(module: str, tmp_path: Path, mesh: Path) -> Non
 
 
 @pytest.mark.skipif(not (Path(sys.executable).parent / "zoomout").exists(), reason="it is not installed")
-def test_the_console_script(planted: Path, mesh: Path) -> None:
+def test_console_script_imports_nothing_from_working_folder(planted: Path, mesh: Path) -> None:
     script = Path(sys.executable).parent / "zoomout"
     ran = subprocess.run([script, "info", mesh], env=os.environ | {"PYTHONPATH": ""}, capture_output=True, text=True)
     assert ran.returncode == 0, ran.stderr
@@ -158,7 +158,7 @@ def test_the_console_script(planted: Path, mesh: Path) -> None:
 
 @pytest.mark.slow(but=1)
 @pytest.mark.parametrize("kind", ["settings", "pipe"])
-def test_pictures_take_no_settings_from_the_folder(kind: str, mesh: Path, tmp_path: Path) -> None:
+def test_matplotlib_settings_in_working_folder_are_ignored(kind: str, mesh: Path, tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     here = tmp_path / "downloads"
     here.mkdir()
@@ -201,14 +201,14 @@ def test_empty_entries_of_the_path_are_dropped(given: str, kept: list[str], monk
     assert child_environment()[SAFE_PATH] == "1"
 
 
-def test_folders_that_a_user_names_are_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_pythonpath_folders_of_the_user_are_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PYTHONPATH", "mine")
     assert child_environment()["PYTHONPATH"] == str(tmp_path / "mine")
 
 
 @pytest.mark.parametrize("first", ["", "."])
-def test_the_working_folder_is_left_out(first: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_working_folder_is_removed_from_sys_path(first: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [first, "/packages"])
     leave_out_working_folder()
@@ -216,7 +216,7 @@ def test_the_working_folder_is_left_out(first: str, tmp_path: Path, monkeypatch:
 
 
 @pytest.mark.parametrize("path", [[], ["/packages"], [str(REPOSITORY), "/packages"]])
-def test_other_folders_stay(path: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_other_folders_stay_in_sys_path(path: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(REPOSITORY)  # from which this package is imported
     monkeypatch.setattr(sys, "path", list(path))
     leave_out_working_folder()
@@ -225,7 +225,9 @@ def test_other_folders_stay(path: list[str], monkeypatch: pytest.MonkeyPatch) ->
 
 @pytest.mark.skipif(os.name != "posix", reason="programs are others there")
 @pytest.mark.parametrize("place", [".", ""])
-def test_a_program_beside_the_user_is_not_blender(place: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_program_in_working_folder_is_not_used_as_blender(
+    place: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     program = tmp_path / "blender"
     program.write_text("#!/bin/sh\n")
     program.chmod(0o755)
@@ -239,7 +241,7 @@ def test_a_program_beside_the_user_is_not_blender(place: str, tmp_path: Path, mo
 
 
 @pytest.mark.parametrize("name", ["socket.py", "struct.cpython-310-x86_64-linux-gnu.so", "json"])
-def test_python_that_cannot_leave_the_folder_out_refuses_it(
+def test_old_python_refuses_folder_with_shadowing_modules(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -287,7 +289,7 @@ def test_servers_have_no_pages(page: str, listening: list[tuple[str, int]]) -> N
     assert {status_of(f"http://{host}:{port}/{page}") for host, port in listening} == {None, 404}
 
 
-def test_a_stranger_without_a_certificate_is_turned_away(listening: list[tuple[str, int]]) -> None:
+def test_client_without_certificate_is_refused(listening: list[tuple[str, int]]) -> None:
     anyone = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
     anyone.check_hostname, anyone.verify_mode = False, ssl.CERT_NONE
     encrypted = [(host, port) for host, port in listening if status_of(f"http://{host}:{port}") is None]
@@ -307,7 +309,7 @@ def open_files(soft: int) -> Callable[[], None]:
     return lambda: resource.setrlimit(resource.RLIMIT_NOFILE, (soft, soft))
 
 
-def test_workers_that_need_more_open_files_than_are_allowed_are_refused(mesh: Path, tmp_path: Path) -> None:
+def test_workers_without_enough_open_files_are_refused(mesh: Path, tmp_path: Path) -> None:
     other = mesh.with_name("other.ply")
     write_shape(creature(200, seed=1).surface, other)
     command = [
@@ -334,7 +336,7 @@ def test_workers_that_need_more_open_files_than_are_allowed_are_refused(mesh: Pa
     )
 
 
-def test_a_lower_limit_of_open_files_is_raised_if_that_is_allowed() -> None:
+def test_open_file_limit_is_raised_if_allowed() -> None:
     resource = pytest.importorskip("resource")
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     try:
@@ -348,7 +350,7 @@ def test_a_lower_limit_of_open_files_is_raised_if_that_is_allowed() -> None:
         resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
 
 
-def test_workers_that_cannot_be_started_are_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_failed_start_of_workers_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
     import distributed
 
     def fail(**_: object) -> None:
@@ -369,7 +371,7 @@ def test_a_command_in_a_folder_that_was_deleted_works(mesh: Path, tmp_path: Path
     assert ran.returncode == 0, ran.stderr
 
 
-def test_one_whose_standard_error_is_closed_works(mesh: Path, tmp_path: Path) -> None:
+def test_command_works_with_closed_standard_error(mesh: Path, tmp_path: Path) -> None:
     script = "import os, sys; os.close(2); os.execv(sys.executable, [sys.executable, *sys.argv[1:]])"
     arguments = ["match", str(mesh), str(mesh), "-o", str(tmp_path / "map.npz"), "--initial", "nearest"]
     command = [sys.executable, "-c", script, "-m", "zoomout_core", *arguments]
@@ -378,7 +380,7 @@ def test_one_whose_standard_error_is_closed_works(mesh: Path, tmp_path: Path) ->
     assert (tmp_path / "map.npz").exists()
 
 
-def test_a_setting_of_progress_bars_that_is_no_number_is_one_sentence(mesh: Path) -> None:
+def test_invalid_tqdm_setting_is_one_sentence(mesh: Path) -> None:
     environment = os.environ | {"PYTHONPATH": str(REPOSITORY), "TQDM_MININTERVAL": "often"}
     command = [sys.executable, "-m", "zoomout_core", "match", str(mesh), str(mesh)]
     ran = subprocess.run(command, env=environment, capture_output=True, text=True)
@@ -386,7 +388,7 @@ def test_a_setting_of_progress_bars_that_is_no_number_is_one_sentence(mesh: Path
     assert ran.stderr.splitlines()[-1].startswith("Error: An environment variable that begins with TQDM_")
 
 
-def test_the_address_of_no_scheduler_is_one_sentence_at_once() -> None:
+def test_missing_scheduler_is_reported_at_once() -> None:
     before = set(threading.enumerate())
     with (
         pytest.raises(ConnectionError, match="There is no scheduler at nonsense"),

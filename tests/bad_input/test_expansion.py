@@ -54,7 +54,7 @@ BOMBS = {
 
 @pytest.mark.parametrize("ending", [".3mf", ".zae", ".3dxml"])
 @pytest.mark.parametrize("name", BOMBS)
-def test_archives_of_meshes(name: str, ending: str, tmp_path: Path) -> None:
+def test_mesh_archive_bombs_are_refused(name: str, ending: str, tmp_path: Path) -> None:
     pytest.importorskip("trimesh")
     path = tmp_path / f"bomb{ending}"
     path.write_bytes(BOMBS[name]())
@@ -73,7 +73,7 @@ def test_archives_that_are_no_mesh_files_are_refused(ending: str, tmp_path: Path
 
 
 @pytest.mark.parametrize("copies", [1, 20])
-def test_stored_arrays(copies: int, tmp_path: Path) -> None:
+def test_array_file_bombs_are_refused(copies: int, tmp_path: Path) -> None:
     """The header states the size that the array has."""
     zeros = stating(f"({40 * MEGABYTE // copies // 8},)", bytes(40 * MEGABYTE // copies))
     path = tmp_path / "map.npz"
@@ -82,7 +82,7 @@ def test_stored_arrays(copies: int, tmp_path: Path) -> None:
         read_arrays(path)
 
 
-def test_results_and_maps_are_within_the_bounds(tmp_path: Path) -> None:
+def test_ordinary_maps_stay_within_the_bound(tmp_path: Path) -> None:
     for vertex in (np.zeros(MEGABYTE // 2), np.arange(MEGABYTE // 2) % 100):
         zo.SurfaceMap.from_vertices(vertex.astype(int), SURFACE).save(tmp_path / "map.npz")
         assert len(zo.SurfaceMap.load(tmp_path / "map.npz", SURFACE).triangle) == MEGABYTE // 2
@@ -90,7 +90,7 @@ def test_results_and_maps_are_within_the_bounds(tmp_path: Path) -> None:
     assert zo.SurfaceMap.load(tmp_path / "map.npz", SURFACE)
 
 
-def test_the_bound_of_an_archive(tmp_path: Path) -> None:
+def test_expansion_bound_grows_with_archive_size(tmp_path: Path) -> None:
     assert most_bytes(0) == most_bytes(ALWAYS_ALLOWED // 100) == ALWAYS_ALLOWED
     assert most_bytes(MEGABYTE) == 100 * MEGABYTE
     assert most_bytes(1 << 40) == 1 << 31
@@ -116,7 +116,7 @@ compressor="{compressor}"><UnstructuredGrid><Piece NumberOfPoints="3" NumberOfCe
 
 
 @pytest.mark.parametrize("name", ["zlib", "lzma"])
-def test_blocks_of_vtk(name: str, tmp_path: Path) -> None:
+def test_vtk_block_bombs_are_refused(name: str, tmp_path: Path) -> None:
     pytest.importorskip("meshio")
     import lzma
 

@@ -13,7 +13,7 @@ SOURCE, TARGET = creature(520), creature(480, seed=1)
 
 
 @pytest.mark.slow
-def test_more_functions_than_samples_or_than_are_resolved() -> None:
+def test_match_accepts_more_functions_than_samples() -> None:
     result = zo.match(SOURCE.surface, TARGET.surface, k_final=1000, samples=20)
     truth = true_vertex(SOURCE, TARGET)
     assert zo.geodesic_error(result.surface_map, SOURCE.surface, np.arange(len(truth)), truth).mean() < 0.03
@@ -21,5 +21,5 @@ def test_more_functions_than_samples_or_than_are_resolved() -> None:
 
 
 @pytest.mark.slow
-def test_symmetries_by_more_functions_than_search_samples() -> None:
+def test_symmetry_accepts_more_functions_than_search_samples() -> None:
     assert zo.detect_symmetry(SOURCE.surface, k_final=450)[0].certainty > 0.5

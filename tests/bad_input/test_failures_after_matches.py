@@ -80,7 +80,7 @@ DOCUMENTS: dict[str, dict[str, Any]] = {
 
 @pytest.mark.parametrize("ending", ["glb", "obj"])
 @pytest.mark.parametrize("name", DOCUMENTS)
-def test_a_source_is_refused_before_the_match_or_written(
+def test_broken_source_is_refused_before_match_or_written(
     name: str, ending: str, meshes: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     source = colored(meshes[0], **DOCUMENTS[name])
@@ -100,7 +100,7 @@ def test_a_source_is_refused_before_the_match_or_written(
 
 @pytest.mark.usefixtures("no_match")
 @pytest.mark.parametrize("kinds", ["texture-coordinates", "shape-keys", "skin-weights"])
-def test_data_that_a_source_lacks(kinds: str, meshes: tuple[Path, Path], tmp_path: Path) -> None:
+def test_missing_source_data_is_refused_before_match(kinds: str, meshes: tuple[Path, Path], tmp_path: Path) -> None:
     known = {kind.replace(" ", "-") for kind in transfer_command.KINDS}
     kinds = kinds if kinds in known else next(iter(known - {"colors", "colours", "materials"}))
     ran = run(zoomout, "transfer", *meshes, "-o", tmp_path / "out.glb", "--kinds", kinds)
@@ -130,7 +130,7 @@ COMMANDS: dict[str, Callable[[Path, Path, Path], tuple[str | Path, ...]]] = {
 @pytest.mark.usefixtures("no_match")
 @pytest.mark.parametrize("limit", [0])
 @pytest.mark.parametrize("name", COMMANDS)
-def test_a_disk_that_is_full(
+def test_full_disk_is_reported_before_match(
     name: str, limit: int, meshes: tuple[Path, Path], tmp_path: Path, size_limit: Limit
 ) -> None:
     colored(meshes[0])
@@ -145,7 +145,7 @@ def test_a_disk_that_is_full(
 @POSIX
 @pytest.mark.usefixtures("no_match")
 @pytest.mark.parametrize("name", COMMANDS)
-def test_an_output_that_is_a_link_to_itself(name: str, meshes: tuple[Path, Path], tmp_path: Path) -> None:
+def test_output_link_to_itself_is_refused(name: str, meshes: tuple[Path, Path], tmp_path: Path) -> None:
     folder = tmp_path / "results"
     folder.mkdir()
     for output in ("out", "out.npz", "out.ply"):
@@ -154,7 +154,7 @@ def test_an_output_that_is_a_link_to_itself(name: str, meshes: tuple[Path, Path]
 
 
 @POSIX
-def test_an_input_that_is_a_link_to_itself(meshes: tuple[Path, Path], tmp_path: Path) -> None:
+def test_input_link_to_itself_is_reported(meshes: tuple[Path, Path], tmp_path: Path) -> None:
     folder = tmp_path / "folder"
     folder.mkdir()
     (folder / "loop.ply").symlink_to(folder / "loop.ply")
@@ -169,7 +169,7 @@ def test_an_input_that_is_a_link_to_itself(meshes: tuple[Path, Path], tmp_path: 
 
 
 @pytest.mark.usefixtures("no_match")
-def test_a_folder_where_the_report_is_to_be(meshes: tuple[Path, Path], tmp_path: Path) -> None:
+def test_folder_in_place_of_report_is_refused(meshes: tuple[Path, Path], tmp_path: Path) -> None:
     for name in ("transfer to a folder", "collection"):
         folder = tmp_path / name
         (folder / "out" / "report.json").mkdir(parents=True)
@@ -212,7 +212,7 @@ def test_a_transfer_that_fails_keeps_the_map(
 
 
 @pytest.mark.parametrize("stage", ["transfer_landmarks", "write_landmark_file"])
-def test_landmarks_that_fail_keep_the_map(
+def test_failed_landmark_transfer_keeps_the_map(
     stage: str, meshes: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fail(*_: object) -> None:
@@ -244,7 +244,7 @@ def test_a_transfer_of_meshlab_that_fails_keeps_the_map(
     assert zo.SurfaceMap.load(tmp_path / "out_map.npz", zo.read_surface(source))
 
 
-def test_one_target_that_fails_leaves_the_others_alone(
+def test_failed_target_does_not_stop_the_others(
     meshes: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     transfer_asset = transfer_command.transfer_asset
@@ -283,7 +283,7 @@ def test_a_map_that_cannot_be_written_is_kept_elsewhere(
     assert_refused(run(zoomout, "match", *meshes, "-o", out / "map.npz", *FAST), "The disk is full.")
 
 
-def test_a_symmetry_that_cannot_be_written_is_kept(
+def test_unwritable_symmetry_is_kept_elsewhere(
     meshes: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     save = symmetry_command._save
@@ -315,7 +315,7 @@ def test_a_collection_whose_report_fails_names_its_maps(
 @pytest.mark.slow(but=1)
 @pytest.mark.skipif(sys.platform != "linux", reason="names are Unicode elsewhere")
 @pytest.mark.parametrize("name", [b"caf\xe9.ply", b"\xff\xfe.ply", "人 ü.ply".encode()])
-def test_a_name_in_any_encoding(name: bytes, meshes: tuple[Path, Path], tmp_path: Path) -> None:
+def test_file_name_in_any_encoding_is_accepted(name: bytes, meshes: tuple[Path, Path], tmp_path: Path) -> None:
     path = tmp_path / os.fsdecode(name)
     path.write_bytes(meshes[0].read_bytes())
     out = tmp_path / "out"
@@ -350,7 +350,7 @@ def command(*arguments: str | Path, **variables: str) -> tuple[list[str], dict[s
 
 @POSIX
 @pytest.mark.parametrize("place", ["/dev/full", "a closed one"])
-def test_a_report_that_cannot_be_printed(place: str, meshes: tuple[Path, Path], tmp_path: Path) -> None:
+def test_report_that_cannot_be_printed_keeps_outputs(place: str, meshes: tuple[Path, Path], tmp_path: Path) -> None:
     line, environment = command("match", *meshes, "-o", tmp_path / "map.npz", "--initial", "nearest")
     if place == "/dev/full" and not Path(place).exists():
         pytest.skip("there is none")
@@ -366,7 +366,7 @@ def test_a_report_that_cannot_be_printed(place: str, meshes: tuple[Path, Path], 
 
 @pytest.mark.slow(but=1)
 @pytest.mark.parametrize("encoding", ["cp1252", "ascii", "latin-1", "cp437"])
-def test_a_terminal_with_other_letters(encoding: str, meshes: tuple[Path, Path], tmp_path: Path) -> None:
+def test_terminal_encoding_does_not_fail_a_match(encoding: str, meshes: tuple[Path, Path], tmp_path: Path) -> None:
     output = tmp_path / "人.npz"
     line, environment = command("match", *meshes, "-o", output, "--initial", "nearest", PYTHONIOENCODING=encoding)
     ran = subprocess.run(line, env=environment, capture_output=True)
@@ -377,7 +377,7 @@ def test_a_terminal_with_other_letters(encoding: str, meshes: tuple[Path, Path],
 
 @pytest.mark.slow
 @POSIX
-def test_a_material_that_the_locale_has_no_letters_for(meshes: tuple[Path, Path], tmp_path: Path) -> None:
+def test_material_name_outside_locale_is_written_or_refused(meshes: tuple[Path, Path], tmp_path: Path) -> None:
     source = tmp_path / "source.obj"
     lines = meshes_as_obj(meshes[0])
     source.write_text("\n".join(["mtllib skin.mtl", "usemtl Haut 人", *lines, ""]), encoding="utf-8")
@@ -415,7 +415,7 @@ def test_a_disk_that_becomes_full_is_one_error(
     np.testing.assert_array_equal(np.load(tmp_path / "a.npz")["numbers"], arrays["numbers"])
 
 
-def test_the_trial_of_an_output_leaves_nothing(tmp_path: Path) -> None:
+def test_output_check_leaves_no_files(tmp_path: Path) -> None:
     check_output(tmp_path / "a.npz")
     check_output(os.devnull)
     assert not contents(tmp_path)

@@ -25,7 +25,7 @@ def test_broken_files_are_read_or_refused_in_a_sentence(tmp_path: Path, count: i
 
 
 @pytest.mark.parametrize("name", readers())
-def test_the_samples_themselves_are_read_and_damages_are_repeatable(tmp_path: Path, name: str) -> None:
+def test_fuzz_samples_are_read_and_damages_are_reproducible(tmp_path: Path, name: str) -> None:
     reader = readers()[name]
     for sample in reader.samples:
         (tmp_path / f"a{reader.ending}").write_bytes(sample)
@@ -36,7 +36,7 @@ def test_the_samples_themselves_are_read_and_damages_are_repeatable(tmp_path: Pa
     assert all(each not in reader.samples for each in twice[0][:1]) or len(set(twice[0])) > 1
 
 
-def test_what_is_neither_is_a_finding(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_unexpected_outcome_is_a_finding(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def refuses(sentence: str) -> Reader:
         def read(_: Path) -> None:
             raise MeshError(sentence)

@@ -65,9 +65,7 @@ def interrupted(command: list[str], seconds: float, folder: Path, begun: bool = 
         stdin=subprocess.DEVNULL,
         text=True,
         start_new_session=True,
-        preexec_fn=partial(
-            signal.signal, signal.SIGINT, signal.SIG_DFL
-        ),  # deaf to it where tests run in the background
+        preexec_fn=partial(signal.signal, signal.SIGINT, signal.SIG_DFL),  # ignored where tests run in the background
     )
     if begun:
         assert process.stdout is not None
@@ -113,7 +111,7 @@ def pair(tmp_path: Path) -> tuple[Path, Path]:
 @pytest.mark.slow(but=1)
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are others there")
 @pytest.mark.parametrize("moment", MOMENTS)
-def test_the_commands(moment: float, pair: tuple[Path, Path], tmp_path: Path) -> None:
+def test_interrupted_commands_end_with_one_line(moment: float, pair: tuple[Path, Path], tmp_path: Path) -> None:
     out = tmp_path / "out"
     out.mkdir()
     zoomout = [sys.executable, "-m", "zoomout_core", "match", *map(str, pair), "-o", str(out / "map.npz")]
@@ -125,7 +123,9 @@ def test_the_commands(moment: float, pair: tuple[Path, Path], tmp_path: Path) ->
 @pytest.mark.slow(but=1)
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are others there")
 @pytest.mark.parametrize("seconds", [0.3, 0, 1, 2])
-def test_a_collection_whose_workers_are_being_started(seconds: float, pair: tuple[Path, Path], tmp_path: Path) -> None:
+def test_interrupted_start_of_workers_ends_with_one_line(
+    seconds: float, pair: tuple[Path, Path], tmp_path: Path
+) -> None:
     pytest.importorskip("distributed")
     code, said = interrupted([sys.executable, "-c", WITH_WORKERS, *map(str, pair)], seconds, tmp_path, begun=True)
     assert code == 130, said
@@ -136,7 +136,7 @@ def test_a_collection_whose_workers_are_being_started(seconds: float, pair: tupl
 @pytest.mark.slow(but=1)
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are others there")
 @pytest.mark.parametrize("moment", MOMENTS[:2])
-def test_the_command_of_blender(moment: float, tmp_path: Path) -> None:
+def test_interrupted_blender_command_ends_with_one_line(moment: float, tmp_path: Path) -> None:
     pytest.importorskip("bpy")
     command = [sys.executable, "-c", IN_BLENDER, str(tmp_path / "saved.blend")]
     check(command, 2 * moment, tmp_path / "saved.blend", begun=True)

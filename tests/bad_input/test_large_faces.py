@@ -37,12 +37,12 @@ def test_the_triangles_of_a_large_polygon_do_not_all_meet_at_one_vertex() -> Non
     assert surface.area == pytest.approx(1.3 * np.pi, rel=1e-5)
 
 
-def test_one_of_few_corners_stays_a_fan() -> None:
+def test_small_polygon_stays_a_fan() -> None:
     surface = zo.Surface(rim(MAX_FAN) * [1, 1, 0], [np.arange(MAX_FAN)])
     assert (surface.triangles[:, 0] == 0).all()
 
 
-def test_surroundings_do_not_pass_through_the_tip_of_a_fan() -> None:
+def test_neighbourhoods_do_not_cross_the_tip_of_a_fan() -> None:
     surface = bicone(MANY)
     near = Neighbourhoods(surface.triangles, len(surface.vertices))
     assert len(near.triangle) < 20 * len(surface.triangles)  # 6,000 times as many as through the tips
@@ -52,7 +52,7 @@ def test_surroundings_do_not_pass_through_the_tip_of_a_fan() -> None:
     assert (surface.triangles[near.triangle[near.first_triangle[2] :]] == 2).any()
 
 
-def test_those_of_a_vertex_of_less_triangles_do() -> None:
+def test_neighbourhoods_cross_vertices_with_few_triangles() -> None:
     surface = bicone(HUB)
     near = Neighbourhoods(surface.triangles, len(surface.vertices))
     np.testing.assert_array_equal(np.diff(near.first_triangle), 2 * HUB)
@@ -82,7 +82,7 @@ def test_a_match_of_fans_needs_little_memory() -> None:
     assert most < 400 << 20
 
 
-def test_blocks_hold_all_in_order() -> None:
+def test_blocks_contain_all_items_in_order() -> None:
     sizes = np.array([3, 1, 50, 2, 2, 0, 9, 1])
     blocks = consecutive(sizes, 10)
     np.testing.assert_array_equal(np.concatenate(blocks), np.arange(8))

@@ -88,7 +88,7 @@ CLOUDS: dict[str, tuple[Any, bool]] = {
 
 
 @pytest.mark.parametrize("name", SURFACES)
-def test_surfaces(name: str) -> None:
+def test_surfaces_of_other_libraries_are_accepted(name: str) -> None:
     found = as_shape(SURFACES[name])
     assert isinstance(found, zo.Surface)
     np.testing.assert_allclose(found.vertices, VERTICES, rtol=1e-6, atol=1e-6)
@@ -96,7 +96,7 @@ def test_surfaces(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", CLOUDS)
-def test_clouds(name: str) -> None:
+def test_point_clouds_of_other_libraries_are_accepted(name: str) -> None:
     shape, has_normals = CLOUDS[name]
     found = as_shape(shape)
     assert isinstance(found, zo.PointCloud)
@@ -104,7 +104,7 @@ def test_clouds(name: str) -> None:
     assert (found.normals is not None) == has_normals
 
 
-def test_a_scene_is_as_the_file_of_it(tmp_path: Any) -> None:
+def test_scene_equals_its_exported_file(tmp_path: Any) -> None:
     moved = trimesh.transformations.translation_matrix([5, 0, 0])
     mirrored = np.diag([-1.0, 1, 1, 1])
     made = scene(np.eye(4), moved, mirrored)
@@ -116,7 +116,7 @@ def test_a_scene_is_as_the_file_of_it(tmp_path: Any) -> None:
     np.testing.assert_array_equal(given.triangles, read.triangles)
 
 
-def test_a_match_takes_them() -> None:
+def test_match_accepts_shapes_of_other_libraries() -> None:
     result = zo.match(scene(np.eye(4)), SURFACES["a mesh of meshio"], initial="proximity", k_final=20)
     assert len(result.surface_map.vertex) == 100
 
@@ -139,6 +139,6 @@ WRONG: dict[str, Any] = {
 
 
 @pytest.mark.parametrize("name", WRONG)
-def test_others_are_a_sentence(name: str) -> None:
+def test_unusable_objects_raise_one_sentence(name: str) -> None:
     with pytest.raises((TypeError, zo.MeshError), match=r"(?s)^[A-Z].*[a-z].*\.$"):
         as_shape(WRONG[name])

@@ -25,7 +25,7 @@ DIAGONAL = f"{OBJ}v 0 1 0\nf 1 2 3 4\nf 1 2 3\n".encode()
 
 
 @pytest.mark.parametrize("name", [*MALFORMED, *ODD_NUMBERS])
-def test_the_core_says_what_is_wrong(name: str, tmp_path: Path) -> None:
+def test_core_names_malformed_file(name: str, tmp_path: Path) -> None:
     path = tmp_path / name
     path.write_bytes((MALFORMED | ODD_NUMBERS)[name])
     start = process_time()
@@ -37,7 +37,7 @@ def test_the_core_says_what_is_wrong(name: str, tmp_path: Path) -> None:
 
 # MeshLab takes what stands before the point.
 @pytest.mark.parametrize("name", [*(name for name in MALFORMED if name != "fractions.obj"), "diagonal.obj"])
-def test_meshlab_is_not_brought_down(name: str, tmp_path: Path) -> None:
+def test_malformed_file_does_not_crash_meshlab(name: str, tmp_path: Path) -> None:
     path = tmp_path / name
     path.write_bytes((MALFORMED | {"diagonal.obj": DIAGONAL})[name])
     ms = pymeshlab.MeshSet()
@@ -46,7 +46,7 @@ def test_meshlab_is_not_brought_down(name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_batch_goes_on_and_reports(meshes: tuple[Path, Path], tmp_path: Path) -> None:
+def test_batch_continues_after_malformed_files(meshes: tuple[Path, Path], tmp_path: Path) -> None:
     source, target = meshes
     ms = pymeshlab.MeshSet()
     ms.load_new_mesh(str(source))
@@ -64,7 +64,7 @@ def test_a_batch_goes_on_and_reports(meshes: tuple[Path, Path], tmp_path: Path) 
     assert all("could not be read" in row["error"] for row in rows if "error" in row)
 
 
-def test_what_is_only_unusual_is_read(tmp_path: Path) -> None:
+def test_unusual_but_valid_files_are_read(tmp_path: Path) -> None:
     for name, content in {
         "a_mark_of_the_byte_order.obj": f"\ufeff{OBJ}f 1 2 3\n",
         "counted_backwards.obj": f"{OBJ}f -3 -2 -1\n",
@@ -88,7 +88,7 @@ def test_colours_that_are_no_numbers_are_left_out(line: str, tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize("corner", ["9", "-9"])
-def test_texture_coordinates_that_do_not_exist(corner: str, tmp_path: Path) -> None:
+def test_missing_texture_coordinates_are_refused(corner: str, tmp_path: Path) -> None:
     (tmp_path / "a.obj").write_text(f"{OBJ}vt 0 0\nf 1/1 2/{corner} 3/1\n")
     with pytest.raises(MeshError, match="a face refers to a texture coordinate that is none of its 1"):
         zo.read_asset(tmp_path / "a.obj")

@@ -82,12 +82,12 @@ SIZES: dict[str, tuple[object, int]] = {
 
 
 @pytest.mark.parametrize("name", SIZES)
-def test_bytes_count_once_all_that_is_referred_to(name: str) -> None:
+def test_bytes_of_counts_shared_data_once(name: str) -> None:
     value, expected = SIZES[name]
     assert expected <= bytes_of(value) < 1.5 * expected + 3000
 
 
-def test_cycles_end() -> None:
+def test_bytes_of_handles_cycles() -> None:
     values: list[object] = [ARRAY]
     values.append(values)
     assert bytes_of(values) < 81_000

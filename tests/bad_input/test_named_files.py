@@ -208,7 +208,7 @@ def test_special_files_that_a_mesh_names_are_not_opened(make: Callable[[Path], N
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="the system has no such files")
-def test_maps_and_landmarks_are_no_pipes(meshes: tuple[Path, Path], tmp_path: Path) -> None:
+def test_pipes_are_refused_as_maps_and_landmarks(meshes: tuple[Path, Path], tmp_path: Path) -> None:
     pipe = tmp_path / "pipe.npz"
     os.mkfifo(pipe)
     for option in ("--landmarks", "--initial", "--earlier-map"):

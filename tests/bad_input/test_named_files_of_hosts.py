@@ -57,7 +57,7 @@ def assert_refused_by_meshlab(path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", CLIMBING)
-def test_meshlab_gets_none(name: str, folder: Path) -> None:
+def test_meshlab_is_given_no_outside_files(name: str, folder: Path) -> None:
     given = CLIMBING[name].format(there=folder.parent)
     paths = [with_library(folder, "a.mtl", given), with_comment(folder, given), with_element(folder, given)]
     for path in (*paths, with_image(folder, given)):
@@ -65,7 +65,7 @@ def test_meshlab_gets_none(name: str, folder: Path) -> None:
 
 
 @pytest.mark.parametrize("name", CLIMBING)
-def test_blender_gets_none(name: str, folder: Path) -> None:
+def test_blender_is_given_no_outside_files(name: str, folder: Path) -> None:
     given = CLIMBING[name].format(there=folder.parent)
     bpy.ops.wm.read_factory_settings(use_empty=True)
     with blender_addon.registered():
@@ -85,14 +85,14 @@ def test_blender_gets_none(name: str, folder: Path) -> None:
         "/etc/hostname # a",
     ],
 )
-def test_each_word_of_a_statement_may_be_a_name(statement: str, folder: Path) -> None:
+def test_every_word_of_a_statement_is_checked(statement: str, folder: Path) -> None:
     assert_refused_by_meshlab(with_library(folder, "a.mtl", statement))
     (folder / "b.obj").write_text(f"mtllib {statement}\nv 0 0 0\nv 1 0 0\nv 1 1 0\nf 1 2 3\n")
     assert_refused_by_meshlab(folder / "b.obj")
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="the system has no pipes")
-def test_no_host_waits_for_a_pipe(folder: Path) -> None:
+def test_hosts_do_not_wait_for_pipes(folder: Path) -> None:
     make_pipe(folder / "a.png")
     for path in (with_library(folder, "a.mtl", "a.png"), with_comment(folder, "a.png"), with_image(folder, "a.png")):
         with pytest.raises(MeshError, match="which is not a file: remove it"):
@@ -101,7 +101,7 @@ def test_no_host_waits_for_a_pipe(folder: Path) -> None:
             open_scene(bpy.context, path)
 
 
-def test_blender_writes_no_materials_over_those_of_an_input(folder: Path) -> None:
+def test_blender_does_not_overwrite_materials_of_an_input(folder: Path) -> None:
     path = with_library(folder, "b.mtl", "none.png")
     (folder / "a.mtl").rename(folder / "b.mtl")
     bpy.ops.wm.read_factory_settings(use_empty=True)
@@ -115,7 +115,7 @@ def test_blender_writes_no_materials_over_those_of_an_input(folder: Path) -> Non
     assert contents(folder).items() > before.items()
 
 
-def test_meshlab_writes_no_materials_over_those_of_an_input(
+def test_meshlab_does_not_overwrite_materials_of_an_input(
     meshes: tuple[Path, Path], folder: Path, tmp_path: Path
 ) -> None:
     script = tmp_path / "script.mlx"

@@ -48,26 +48,26 @@ ODD = {"soup": soup, "fan": fan, "book": book, "repeated": repeated}
 
 @pytest.mark.parametrize("name", ODD)
 @pytest.mark.parametrize("start", [{"initial": "proximity"}, {"initial": "given", "initial_map": ()}])
-def test_a_start_in_space_or_by_number(name: str, start: dict[str, Any]) -> None:
+def test_odd_surfaces_match_by_proximity_or_given_map(name: str, start: dict[str, Any]) -> None:
     surfaces = ODD[name](80, 0), ODD[name](80, 1)
     numbers = {"initial_map": np.arange(len(surfaces[1].vertices))} if "initial_map" in start else {}
     result = zo.match(*surfaces, k_final=20, samples=60, **start | numbers)
     assert np.isfinite(result.surface_map.barycentric).all()
 
 
-def test_functions_that_depend_on_each_other_at_the_samples() -> None:
+def test_match_survives_dependent_functions_at_samples() -> None:
     result = zo.match(book(500, 1), book(500, 11), initial="proximity", k_final=20, samples=60)
     assert result.surface_map.vertex.max() < 502
 
 
 @pytest.mark.slow(but=1)
 @pytest.mark.parametrize("name", ODD)
-def test_a_search(name: str) -> None:
+def test_search_on_odd_surfaces_is_doubtful(name: str) -> None:
     assert zo.match(ODD[name](60, 2), fan(50, 3), k_final=20, samples=60).verdict.level in ("red", "amber")
 
 
 @pytest.mark.slow
-def test_a_search_for_a_part_in_a_book() -> None:
+def test_part_search_in_a_book_is_doubtful() -> None:
     assert zo.match(book(500, 1), book(500, 11)).verdict.level in ("red", "amber")
 
 

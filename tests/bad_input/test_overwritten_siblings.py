@@ -47,7 +47,7 @@ def edit_image(path: Path) -> None:
         ({"stem": "a"}, "a.obj"),
     ],
 )
-def test_siblings_of_an_obj_file(source: dict[str, str], output: str, tmp_path: Path) -> None:
+def test_obj_siblings_do_not_overwrite_inputs(source: dict[str, str], output: str, tmp_path: Path) -> None:
     path = textured(tmp_path, **source)
     asset, inputs = zo.read_asset(path), inputs_of(path)
     edit_image(tmp_path / source.get("image", "paint.png"))
@@ -63,7 +63,7 @@ def test_siblings_of_an_obj_file(source: dict[str, str], output: str, tmp_path: 
 
 
 @pytest.mark.parametrize("how", ["hard link", "soft link", "folder"])
-def test_siblings_by_another_path(how: str, tmp_path: Path) -> None:
+def test_siblings_under_another_path_do_not_overwrite_inputs(how: str, tmp_path: Path) -> None:
     path = textured(tmp_path, "a", image="b_0.png")
     out = tmp_path / "out"
     if how == "folder":
@@ -83,7 +83,7 @@ def test_siblings_by_another_path(how: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("buffer", "image"), [("b.bin", "paint.png"), ("data.bin", "b_0.png")])
-def test_siblings_of_a_gltf_file(buffer: str, image: str, tmp_path: Path) -> None:
+def test_gltf_siblings_do_not_overwrite_inputs(buffer: str, image: str, tmp_path: Path) -> None:
     tree = document()
     tree["buffers"][0]["uri"], tree["images"], tree["textures"] = buffer, [{"uri": image}], [{"source": 0}]
     tree["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"] = {"index": 0}
@@ -107,7 +107,7 @@ def test_siblings_of_a_gltf_file(buffer: str, image: str, tmp_path: Path) -> Non
     assert again.surface.vertices.tolist() == asset.surface.vertices.tolist()
 
 
-def test_an_input_that_would_stay_the_same_is_left_alone(tmp_path: Path) -> None:
+def test_unchanged_input_is_not_rewritten(tmp_path: Path) -> None:
     path = textured(tmp_path, "a", image="b_0.png")
     os.utime(tmp_path / "b_0.png", (1, 1))
     zo.write_asset(zo.read_asset(path), tmp_path / "b.obj", inputs_of(path))
@@ -116,7 +116,7 @@ def test_an_input_that_would_stay_the_same_is_left_alone(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize("names", [{"library": "out/target.mtl"}, {"image": "out/target_0.png"}])
-def test_the_command_keeps_what_its_inputs_name(
+def test_command_keeps_files_named_by_its_inputs(
     names: dict[str, str], meshes: tuple[Path, Path], tmp_path: Path
 ) -> None:
     path = textured(tmp_path, "source", **names)
@@ -126,7 +126,7 @@ def test_the_command_keeps_what_its_inputs_name(
     assert contents(tmp_path) == before
 
 
-def test_a_map_replaces_no_buffer_of_an_input(meshes: tuple[Path, Path], tmp_path: Path) -> None:
+def test_map_does_not_overwrite_buffer_of_an_input(meshes: tuple[Path, Path], tmp_path: Path) -> None:
     tree = document()
     tree["buffers"][0]["uri"] = "map.npz"
     (tmp_path / "a.gltf").write_bytes(content_of(tree))
@@ -161,7 +161,7 @@ OVERWRITING = {
 
 
 @pytest.mark.parametrize("name", OVERWRITING)
-def test_what_an_option_or_an_input_names_is_an_input(
+def test_files_named_by_options_or_inputs_are_inputs(
     name: str, meshes: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     kept, command = OVERWRITING[name]
@@ -178,7 +178,7 @@ def test_what_an_option_or_an_input_names_is_an_input(
 
 
 @pytest.mark.parametrize("option", ["--landmarks", "--initial"])
-def test_meshlab_keeps_what_an_option_names(option: str, meshes: tuple[Path, Path], tmp_path: Path) -> None:
+def test_meshlab_keeps_files_named_by_options(option: str, meshes: tuple[Path, Path], tmp_path: Path) -> None:
     pytest.importorskip("pymeshlab")
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "report.json").write_text("1 1\n")

@@ -48,7 +48,7 @@ UNPICKLING = {"pickle", "cPickle", "dill", "cloudpickle", "marshal", "shelve", "
 
 
 @pytest.mark.parametrize("package", PACKAGES)
-def test_no_code_runs_or_unpickles_text(package: str) -> None:
+def test_code_never_evaluates_or_unpickles_text(package: str) -> None:
     read = 0
     for path in sorted((REPOSITORY / package).rglob("*.py")):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
@@ -89,14 +89,14 @@ NAMES = (
 
 
 def test_a_pickle_runs_where_it_is_allowed(tmp_path: Path) -> None:
-    """Else the next tests could not fail."""
+    """Otherwise the next tests could not fail."""
     np.savez(tmp_path / "a.npz", key=np.array([Bomb(tmp_path / "mark")], dtype=object))
     _ = np.load(tmp_path / "a.npz", allow_pickle=True)["key"]
     assert (tmp_path / "mark").exists()
 
 
 @pytest.mark.parametrize("name", READERS)
-def test_a_pickle_in_a_file_does_not(name: str, tmp_path: Path) -> None:
+def test_pickle_in_a_file_does_not_run(name: str, tmp_path: Path) -> None:
     bombs = np.array([Bomb(tmp_path / "mark")], dtype=object)
     np.savez(tmp_path / "a.npz", **dict.fromkeys(NAMES, bombs))
     with pytest.raises(ValueError, match=r"\S"):
@@ -104,7 +104,7 @@ def test_a_pickle_in_a_file_does_not(name: str, tmp_path: Path) -> None:
     assert not (tmp_path / "mark").exists()
 
 
-def test_a_pickle_in_the_cache_does_not(tmp_path: Path) -> None:
+def test_pickle_in_the_cache_does_not_run(tmp_path: Path) -> None:
     folder, key = ShapeFolder(tmp_path / "cache"), b"0" * 8
     path = folder._path(key)
     path.parent.mkdir(parents=True)
@@ -180,7 +180,7 @@ def test_a_connection_would_be_noticed() -> None:
 
 
 @pytest.mark.skipif(os.name != "posix", reason="permissions are others there")
-def test_temporary_folders_are_the_users_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_temporary_folders_are_private_to_the_user(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     said, program = tmp_path / "said", tmp_path / "blender"
     program.write_text(f"#!/bin/sh\nls -ld . > '{said}'\n")
     program.chmod(0o755)
@@ -191,7 +191,7 @@ def test_temporary_folders_are_the_users_alone(tmp_path: Path, monkeypatch: pyte
 
 
 @pytest.mark.skipif(os.name != "posix", reason="permissions are others there")
-def test_so_is_the_folder_of_a_map_that_is_kept(tmp_path: Path) -> None:
+def test_folder_of_kept_map_is_private_to_the_user(tmp_path: Path) -> None:
     kept: list[Path] = []
 
     def save(path: Path) -> None:

@@ -41,7 +41,7 @@ def colored(meshes: tuple[Path, Path]) -> tuple[Path, Path]:
 
 @pytest.mark.slow(but=2)
 @pytest.mark.parametrize("name", NAMES)
-def test_nothing_is_printed(name: str, colored: tuple[Path, Path], tmp_path: Path) -> None:
+def test_quiet_prints_nothing_except_json(name: str, colored: tuple[Path, Path], tmp_path: Path) -> None:
     given = arguments(name, colored, tmp_path)
     ran = run(zoomout, *given, "--quiet")
     assert (ran.exit_code, ran.output) == (0, "")
@@ -53,7 +53,7 @@ def test_nothing_is_printed(name: str, colored: tuple[Path, Path], tmp_path: Pat
 
 
 @pytest.mark.parametrize("name", ["match", "transfer", "symmetry", "collection", "info"])
-def test_errors_are(name: str, tmp_path: Path) -> None:
+def test_quiet_prints_errors(name: str, tmp_path: Path) -> None:
     missing = tmp_path / "none.ply", tmp_path / "nothing.ply"
     ran = run(zoomout, "--quiet", *arguments(name, missing, tmp_path))
     assert ran.exit_code == 1
@@ -61,11 +61,11 @@ def test_errors_are(name: str, tmp_path: Path) -> None:
     assert line.startswith("Error: There is no file")
 
 
-def test_help_names_the_start_that_only_a_match_has() -> None:
+def test_help_lists_nearest_only_for_match() -> None:
     assert "proximity, nearest, or" in " ".join(run(zoomout, "match", "--help").output.split())
     assert "proximity, or" in " ".join(run(zoomout, "transfer", "--help").output.split())
 
 
-def test_so_does_the_sentence_on_another_start(meshes: tuple[Path, Path], tmp_path: Path) -> None:
+def test_invalid_initial_lists_allowed_starts(meshes: tuple[Path, Path], tmp_path: Path) -> None:
     ran = run(zoomout, "match", *meshes, "-o", tmp_path / "map.npz", "--initial", "neares")
     assert "--initial is 'neares': give auto, landmarks, proximity, nearest, or the file" in ran.output

@@ -73,7 +73,7 @@ REASONS = {
 
 @pytest.mark.parametrize("name", REASONS)
 @pytest.mark.parametrize("read", [zo.read_surface, zo.read_asset])
-def test_it_is_named(name: str, read: object, tmp_path: Path) -> None:
+def test_error_gives_reason_in_terms_of_the_format(name: str, read: object, tmp_path: Path) -> None:
     file, content, reason = REASONS[name]
     path = tmp_path / file
     path.write_bytes(content if isinstance(content, bytes) else content.encode())

@@ -75,7 +75,7 @@ def without_memory(monkeypatch: pytest.MonkeyPatch, place: str) -> None:
 
 
 @pytest.mark.parametrize("case", CORE)
-def test_functions_say_it(monkeypatch: pytest.MonkeyPatch, case: str) -> None:
+def test_functions_report_too_little_memory(monkeypatch: pytest.MonkeyPatch, case: str) -> None:
     call, place = CORE[case]
     without_memory(monkeypatch, place)
     zo.forget_shapes()
@@ -84,7 +84,7 @@ def test_functions_say_it(monkeypatch: pytest.MonkeyPatch, case: str) -> None:
 
 
 @pytest.mark.parametrize("case", COMMANDS)
-def test_commands_say_it_and_write_nothing(
+def test_commands_report_too_little_memory_and_write_nothing(
     monkeypatch: pytest.MonkeyPatch, meshes: tuple[Path, Path], case: str
 ) -> None:
     arguments, place = COMMANDS[case]
@@ -98,7 +98,7 @@ def test_commands_say_it_and_write_nothing(
 
 
 @pytest.mark.parametrize("command", ["match", "symmetry", "transfer"])
-def test_what_will_not_fit_is_refused_with_the_detail_that_does(
+def test_match_exceeding_memory_is_refused_with_a_remedy(
     monkeypatch: pytest.MonkeyPatch, meshes: tuple[Path, Path], command: str
 ) -> None:
     add_colors(meshes[0])
@@ -116,7 +116,7 @@ def test_what_will_not_fit_is_refused_with_the_detail_that_does(
     assert not Path(output).exists()
 
 
-def test_the_command_itself_ends_with_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_command_start_reports_too_little_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     def failing(**_: object) -> None:
         raise MemoryError
 

@@ -129,7 +129,7 @@ WRONG: dict[str, Callable[[], object]] = {
 
 
 @pytest.mark.parametrize("name", WRONG)
-def test_it_is_one_sentence(name: str) -> None:
+def test_wrong_types_raise_one_sentence(name: str) -> None:
     with pytest.raises((TypeError, ValueError, OutputError), match=r"(?s)^\S.*[a-z:].*\.$") as raised:
         WRONG[name]()
     assert not re.search(r"inhomogeneous|truth value|ufunc|not supported between|object has no", str(raised.value))
@@ -143,19 +143,19 @@ def test_it_is_one_sentence(name: str) -> None:
         ("detail", r"give its sizes, such as k_final=200 .*fine: k_final=200, samples=1500, proxy_vertices=8000"),
     ],
 )
-def test_an_option_that_does_not_exist_is_named_with_what_replaces_it(option: str, sentence: str) -> None:
+def test_unknown_option_suggests_replacement(option: str, sentence: str) -> None:
     with pytest.raises(TypeError, match=sentence):
         zo.match(SURFACE, SURFACE, **{option: "fine"})  # type: ignore[arg-type]
 
 
-def test_an_unknown_kind_of_data_is_named_with_those_that_exist() -> None:
+def test_unknown_kind_lists_existing_kinds() -> None:
     asset = zo.Asset(SURFACE)
     result = zo.match_by_proximity(SURFACE, SURFACE)
     with pytest.raises(ValueError, match="Unknown kind 'uvs': choose from uv, color, materials"):
         zo.transfer_asset(asset, asset, result, kinds=("uvs",))
 
 
-def test_a_folder_is_not_a_file(tmp_path: Path) -> None:
+def test_folder_is_refused_as_a_file(tmp_path: Path) -> None:
     assert_refused(run(main, "info", tmp_path), f"{tmp_path} is a folder: give a file.")
 
 
@@ -176,7 +176,7 @@ def test_the_extra_that_a_format_needs_is_named(
     assert_refused(ran, "requires a package that is not installed: in the checkout, pip install '.[formats]'")
 
 
-def test_a_misspelt_option_of_symmetries_is_suggested() -> None:
+def test_misspelt_symmetry_option_gets_a_suggestion() -> None:
     detect: Any = zo.detect_symmetry
     with pytest.raises(TypeError, match=r"detect_symmetry has no option sede: did you mean seed\?"):
         detect(SURFACE, sede=1)
@@ -185,23 +185,23 @@ def test_a_misspelt_option_of_symmetries_is_suggested() -> None:
 
 
 @pytest.mark.parametrize("vertices", [[[10**400, 0, 0]] * 3, np.eye(3) * 1j])
-def test_positions_that_are_no_real_numbers(vertices: Any) -> None:
+def test_non_real_positions_are_refused(vertices: Any) -> None:
     with pytest.raises(MeshError, match="Positions must be numbers, three for each vertex"):
         zo.Surface(vertices, [[0, 1, 2]])
 
 
-def test_points_far_beyond_numbers() -> None:
+def test_huge_points_are_refused() -> None:
     with pytest.raises(MeshError, match="not finite or far too large: remove them"):
         zo.PointCloud(np.random.default_rng(0).random((50, 3)) * 1e200)
 
 
-def test_directions_of_any_length() -> None:
+def test_directions_of_any_length_are_normalised() -> None:
     np.testing.assert_allclose(check_axes([1e308, 1e308, 0]), [[0.5**0.5, 0.5**0.5, 0]])
     np.testing.assert_allclose(check_axes([0, 1e-300, 0]), [[0, 1, 0]])
 
 
 @pytest.mark.parametrize("name", ["SCALAR", "uv", "Color"])
-def test_a_kind_in_words_is_named_with_what_was_meant(name: str) -> None:
+def test_kind_given_as_text_suggests_the_enum(name: str) -> None:
     with pytest.raises(
         TypeError, match=rf"the attribute 'it' is '{name}': give a zo.Kind, such as zo.Kind.{name.upper()}"
     ):
@@ -214,7 +214,7 @@ def test_a_functional_map_of_huge_values_is_doubtful() -> None:
     assert result.verdict.level == "red"
 
 
-def test_a_folder_is_no_place_for_a_result(tmp_path: Path) -> None:
+def test_folder_is_refused_as_result_file(tmp_path: Path) -> None:
     (tmp_path / "it.npz").mkdir()
     with pytest.raises(OutputError, match=r"it\.npz is a folder: give the name of a file in it"):
         SAME.save(tmp_path / "it")

@@ -60,18 +60,18 @@ def grid(size: int = 11) -> Surface:
 # --- by hand ------------------------------------------------------------------------------------------------
 
 
-def test_deblurring_brings_the_targets_functions_to_the_source() -> None:
+def test_deblurring_maps_target_functions_to_source() -> None:
     source, target, double = line([1, 2, 3, 4]), line([1, 2]), np.array([[2.0]])
     np.testing.assert_array_equal(deblur_map(double, source, target), [1, 3])  # 2 and 4 among 1, 2, 3, 4
     np.testing.assert_array_equal(vertex_map_of(double, source, target), [0, 0])  # ZoomOut: 1 and 2 among 2, 4, 6, 8
 
 
-def test_the_nearest_orthonormal_matrix_keeps_the_turn_alone() -> None:
+def test_nearest_orthonormal_matrix_keeps_only_the_rotation() -> None:
     np.testing.assert_allclose(nearest_orthonormal(3 * turn(40)), turn(40), atol=1e-12)
     np.testing.assert_allclose(nearest_orthonormal(np.diag([2, -0.5])), np.diag([1, -1]), atol=1e-12)
 
 
-def test_icp_turns_a_circle_by_what_its_map_says(circle: SpectralBasis) -> None:
+def test_icp_rotates_a_circle_by_its_functional_map(circle: SpectralBasis) -> None:
     # C = [[1, 0], [1/2, 1/2]], and the turn nearest to it is by atan((1/2 - 0) / (1 + 1/2)).
     refined = spectral_icp(circle, circle, ONE_WRONG, 2, iterations=1)
     np.testing.assert_allclose(refined.functional_map, turn(np.degrees(np.arctan(1 / 3))), atol=1e-12)
@@ -80,22 +80,22 @@ def test_icp_turns_a_circle_by_what_its_map_says(circle: SpectralBasis) -> None:
     np.testing.assert_allclose(again.functional_map, np.eye(2), atol=1e-12)
 
 
-def test_an_assignment_is_the_best_in_all_and_not_for_each_row() -> None:
+def test_assignment_is_optimal_overall() -> None:
     np.testing.assert_array_equal(assign(np.array([[5.0, 4], [4, 1]])), [1, 0])
 
 
-def test_kernels_make_a_bijection_of_a_map_that_is_none(circle: SpectralBasis) -> None:
+def test_kernel_matching_makes_a_map_bijective(circle: SpectralBasis) -> None:
     there, back = kernel_matching(circle, circle, ONE_WRONG, samples=4, times=np.array([0.1]))
     np.testing.assert_array_equal(there, range(4))
     np.testing.assert_array_equal(back, range(4))
 
 
-def test_bcicp_turns_a_functional_map_into_the_inverse_of_the_one_back() -> None:
+def test_bcicp_replaces_map_by_inverse_of_reverse_map() -> None:
     np.testing.assert_allclose(turn_to_inverse(turn(30), turn(20)), turn(-20), atol=1e-12)
     np.testing.assert_allclose(turn_to_inverse(2 * turn(30), turn(20)), 2 * turn(-20), atol=1e-12)
 
 
-def test_missed_vertices_are_covered_where_the_old_image_stays_reached() -> None:
+def test_missed_vertices_are_covered_if_old_image_stays_covered() -> None:
     # Source vertex 2 is missed. Its partner 1 shares its image 0 with another and is free to go there.
     np.testing.assert_array_equal(covering(np.array([0, 0, 1]), np.array([0, 2, 1])), [0, 2, 1])
     # Partner 2 is the only one that goes to 1.
@@ -104,7 +104,7 @@ def test_missed_vertices_are_covered_where_the_old_image_stays_reached() -> None
     np.testing.assert_array_equal(covering(np.array([0, 0, 1]), np.array([0, 2, 1, 1])), [0, 2, 1])
 
 
-def test_what_stands_out_of_its_surroundings_is_smoothed_away() -> None:
+def test_smoothing_removes_outliers() -> None:
     plane = grid()
     vertex = np.arange(121)
     np.testing.assert_array_equal(smooth_map(vertex, plane, plane), vertex)
@@ -114,7 +114,7 @@ def test_what_stands_out_of_its_surroundings_is_smoothed_away() -> None:
     np.testing.assert_array_equal(np.delete(mended, 60), np.delete(vertex, 60))
 
 
-def test_a_jump_that_is_no_small_piece_takes_the_median_of_its_neighbours(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_isolated_jump_takes_median_of_neighbours(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(bcicp_module, "OUTLIERS", 0.0)
     plane = grid()
     torn = np.where(np.arange(121) == 60, 0, np.arange(121))
@@ -124,7 +124,7 @@ def test_a_jump_that_is_no_small_piece_takes_the_median_of_its_neighbours(monkey
     np.testing.assert_array_equal(np.delete(mended, 60), np.delete(np.arange(121), 60))
 
 
-def test_images_shrink_as_harmonic_functions_do_under_the_weights() -> None:
+def test_rhm_images_shrink_by_the_harmonic_factor() -> None:
     ball = Embedded.of(creature(300).surface)
     basis = zo.eigenbasis(ball.surface, 4)
     # With the identity both ways, (alpha W + (beta + 1 - alpha) A) Y = (beta + 1 - alpha) A X; for W X = lambda A X
@@ -136,7 +136,7 @@ def test_images_shrink_as_harmonic_functions_do_under_the_weights() -> None:
     np.testing.assert_allclose(images(ball, ball, same, same, 0.5), expected, atol=1e-8)
 
 
-def test_the_embedding_of_a_tetrahedron_has_the_lengths_of_its_edges() -> None:
+def test_geodesic_embedding_of_tetrahedron_keeps_edge_lengths() -> None:
     corners = np.array([[1.0, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]])
     places = geodesic_embedding(Surface(corners, [[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]]), dimension=3)
     apart = np.linalg.norm(places[:, None] - places, axis=2)

@@ -30,7 +30,7 @@ def tables(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, 
         return binding.run(tmp_path_factory.mktemp("data"), None, folder)
 
 
-def test_every_way_is_measured_on_both_meshes(tables: dict[str, list[dict]]) -> None:
+def test_every_method_is_measured_on_both_meshes(tables: dict[str, list[dict]]) -> None:
     ways = {"true weights", "Bind to Rig", "Bind to Rig, true map", "weights alone", "Data Transfer"}
     assert {(row["mesh"], row["way"]) for row in tables["rows"]} == {
         (mesh, way) for mesh in ("isotropic", "voxels") for way in ways
@@ -39,7 +39,7 @@ def test_every_way_is_measured_on_both_meshes(tables: dict[str, list[dict]]) -> 
     assert all(row["cases"] == 1 for row in tables["rows"])
 
 
-def test_a_bound_target_follows_the_rig_where_weights_alone_are_no_help(tables: dict[str, list[dict]]) -> None:
+def test_bound_target_follows_rig_better_than_weights_alone(tables: dict[str, list[dict]]) -> None:
     found = {(row["mesh"], row["way"]): row for row in tables["rows"]}
     for mesh, true, most in (("isotropic", 0.05, 0.2), ("voxels", 0.3, 0.4)):
         assert found[mesh, "true weights"]["surface"] < true

@@ -59,7 +59,7 @@ def test_limbs_follow_from_the_tree_and_the_names() -> None:
     assert side["Leg.L.001"] == side["Shin.R"] == -1
 
 
-def test_a_foot_goes_to_the_legs_that_are_called_like_it() -> None:
+def test_foot_joins_the_leg_with_a_similar_name() -> None:
     names = ("Body", "FrontLeg.L", "BackLeg.L", "BackFoot.L")
     head = np.array([[0, 0, 1], [0, 0, 0.5], [0, 3, 0.5], [0, 0, 0]], dtype=float)
     limbs = limbs_of(Skeleton(names, np.array([-1, 0, 0, -1]), head))
@@ -92,7 +92,7 @@ def test_bones_limbs_and_sides_are_counted(fan: Case) -> None:
     assert wrong(fan, zo.SurfaceMap.from_vertices([0, 2, 1, 1, 2, 0], fan.source)).tolist() == [0, 0, 0, 1, 1, 0]
 
 
-def test_a_limb_that_the_source_lacks_is_not_asked_for(fan: Case) -> None:
+def test_limb_missing_from_source_is_not_counted(fan: Case) -> None:
     assert isinstance(fan.truth, Bones)
     armless = fan.truth.source * [1, 1, 1, 0, 0]
     case = replace(fan, truth=replace(fan.truth, source=armless))
@@ -109,7 +109,7 @@ def test_errors_at_rest_are_in_centimetres(fan: Case) -> None:
     assert found.right
 
 
-def test_the_nearest_in_space_is_what_data_transfer_finds() -> None:
+def test_nearest_in_space_equals_data_transfer_of_blender() -> None:
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     one, other = creature(300, 0), creature(200, 1, bend=0.4)
     weights = np.clip(np.random.default_rng(0).random((300, 3)), 0.1, 1)
@@ -132,7 +132,7 @@ def test_the_nearest_in_space_is_what_data_transfer_finds() -> None:
 # --- the table ----------------------------------------------------------------------------------------------
 
 
-def test_a_case_becomes_a_row_and_rows_a_summary(tmp_path: Path) -> None:
+def test_cases_become_rows_and_a_summary(tmp_path: Path) -> None:
     bent = creature(700, 1, bend=0.9)
     turned = bent.surface.with_vertices(bent.surface.vertices[:, [1, 2, 0]])
     case = _case(creature(900, 0), replace(bent, surface=turned))
@@ -180,7 +180,7 @@ def test_a_file_gives_the_rest_and_the_frame_that_differs_most(folder: Path) -> 
     np.testing.assert_allclose(boy.thinned.weights.sum(axis=1), 1, atol=1e-5)
 
 
-def test_one_skin_has_the_weights_of_what_it_wraps(folder: Path) -> None:
+def test_one_skin_keeps_weights(folder: Path) -> None:
     boy = read_character(folder / "game" / "boys_pack" / "Thick.glb")
     skin = one_skin(boy.posed)
     assert zo.Surface(skin.vertices, skin.triangles).components.max() == 0

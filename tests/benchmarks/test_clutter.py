@@ -57,7 +57,7 @@ def test_two_things_are_moved_until_they_touch() -> None:
     assert apart == pytest.approx(2, abs=0.1)
 
 
-def test_a_scene_is_one_surface_of_both_things_without_what_lies_beyond_the_plane() -> None:
+def test_scene_is_union_of_both_shapes_cut_at_the_plane() -> None:
     stretched = Surface(ball(1500, 1.0).vertices * [2, 0.8, 1], ball(1500, 1.0).triangles)
     scene = clutter.union_and_cut(stretched, ball(1500, 0.5, (9, 9, 9)))
     assert scene.working.component.max() == 0
@@ -94,7 +94,7 @@ def test_a_model_is_found_in_its_scene(animals: Path, monkeypatch: pytest.Monkey
     assert (np.ptp(image, axis=2) > 0.3).mean() > 0.01
 
 
-def test_a_pictured_model_carries_the_colours_of_the_scene(animals: Path) -> None:
+def test_pictured_model_has_colours_of_the_scene(animals: Path) -> None:
     scene = clutter.make_scene(animals / "tosca_r", "beast0", "beast1", "other0")
     shown = clutter._views(scene, {"zo": np.zeros(len(scene.truth), dtype=int)})
     assert [view.caption for view in shown[1:]] == ["truth", "zo"]

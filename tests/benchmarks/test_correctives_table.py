@@ -15,7 +15,7 @@ from zoomout_core.transfer.rigging.poses import pose_of_turns
 from zoomout_core.transfer.rigging.skinning import skinning_matrices, transform_points
 
 
-def test_a_corrected_body_is_posed_by_dual_quaternions(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_corrected_body_equals_dual_quaternion_skinning(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(correctives, "JOINTS", {"waist": ("upper", (0, 0, 1), 90.0)})
     surface = ball(1.0, count=300, seed=0)
     upper = np.clip(0.5 + surface.vertices[:, 1], 0, 1)
@@ -32,7 +32,7 @@ def test_a_corrected_body_is_posed_by_dual_quaternions(monkeypatch: pytest.Monke
     assert np.linalg.norm(added, axis=1).max() > 0.2
 
 
-def test_rows_are_means_over_pairs_with_the_least_value() -> None:
+def test_rows_are_means_over_pairs_with_the_smallest_value() -> None:
     record = {"rig": correctives.OWN, "joint": "elbow", correctives.COPIED: 0.5, "error": 0.1, "value": 1.0}
     (row,) = correctives._rows([record, record | {"error": 0.3, "value": 0.9}])
     assert (row["pairs"], row["error"], row["value"]) == (2, pytest.approx(0.2), 0.9)

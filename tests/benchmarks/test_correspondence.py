@@ -47,7 +47,7 @@ def test_pairs_are_taken_in_both_directions_and_spread_evenly(tmp_path: Path) ->
     assert len(pair_names(tmp_path, 100)) == 6
 
 
-def test_a_set_has_pairs_and_known_places(tmp_path: Path) -> None:
+def test_sets_in_finds_only_complete_sets(tmp_path: Path) -> None:
     for name, files in {
         "whole": ("pairs.txt", "correspondence.npz"),
         "parts": ("pairs.txt", "truth.npz"),
@@ -78,7 +78,7 @@ def test_each_method_has_a_row_over_the_pairs_that_it_knows(tables: Tables) -> N
     assert -1 <= rows[OURS]["rank correlation"] <= 1
 
 
-def test_a_record_tells_of_every_map_how_it_fared(tables: Tables) -> None:
+def test_record_describes_every_map(tables: Tables) -> None:
     ours = [record for record in tables["pairs"] if record["method"] == OURS]
     assert [(record["target"], record["source"]) for record in ours] == [("a", "b"), ("b", "a")]
     for record in ours:
@@ -157,7 +157,7 @@ def test_a_map_that_exchanges_left_and_right_counts_as_a_flip(data: Path, method
     assert [(row["right %"], row["flips"]) for row in announced] == [(100 * right, flip)] * 2
 
 
-def test_confidence_is_judged_by_the_error_that_it_foretells(data: Path) -> None:
+def test_confidence_is_rated_by_rank_correlation_with_error(data: Path) -> None:
     pair = load_pair(data / "creatures", "a", "b")
     # Right on one half of the known places, wrong on the other, and it is known which.
     vertex = np.full(len(pair.target.vertices), pair.source_vertex[0])

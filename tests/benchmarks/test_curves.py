@@ -15,12 +15,12 @@ from benchmarks.pictures import View, draw_views, heat, spread
 from zoomout_core.mesh.surface import Surface
 
 
-def test_shares_count_what_is_up_to_each_threshold_and_never_nan() -> None:
+def test_shares_count_errors_up_to_each_threshold_except_nan() -> None:
     shares = share_below(np.array([0.0, 5.0, 250.0, np.nan]))
     assert (shares[0], shares[1], shares[-1]) == (0.25, 0.5, 0.75)
 
 
-def test_figures_are_written_with_their_folders(tmp_path: Path) -> None:
+def test_figures_are_written_to_new_folders(tmp_path: Path) -> None:
     steps = np.linspace(0, 1, len(THRESHOLDS))
     draw_curves(tmp_path / "a" / "curves.png", {"one": {"ICP": steps}, "two": {"ICP": steps, "ZoomOut": steps**2}})
     draw_lines(tmp_path / "b" / "lines.png", {"ZoomOut": ([1, 2], [30.0, 20.0])}, "step", "error")
@@ -42,7 +42,7 @@ def test_the_legend_has_the_lines_of_all_panels(tmp_path: Path, monkeypatch: pyt
     assert drawn == [["a", "b", "c"]]
 
 
-def test_heat_goes_from_white_to_black_and_shows_no_image_as_the_worst() -> None:
+def test_heat_runs_from_white_to_black_with_nan_as_worst() -> None:
     colours = heat(np.array([0.0, 50, 100, 200, np.nan]), 100)
     brightness = colours.sum(axis=1)
     assert brightness[0] > 2.9
@@ -51,6 +51,6 @@ def test_heat_goes_from_white_to_black_and_shows_no_image_as_the_worst() -> None
     assert brightness[2] < 0.1
 
 
-def test_a_value_goes_to_the_vertices_that_are_nearest_to_its_place() -> None:
+def test_values_spread_to_nearest_vertices() -> None:
     surface = Surface(np.array([[0.0, 0, 0], [1, 0, 0], [3, 0, 0], [3, 1, 0]]), np.array([[0, 1, 3], [1, 2, 3]]))
     assert list(spread(np.array([7.0, 9.0]), np.array([0, 3]), surface)) == [7, 7, 9, 9]

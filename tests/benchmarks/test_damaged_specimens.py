@@ -51,14 +51,14 @@ def test_growths_cover_some_landmarks_and_leave_the_others() -> None:
     assert (moved < 0.1 * HEIGHT).sum() > len(LANDMARKS) / 2
 
 
-def test_another_species_keeps_its_landmarks_on_its_surface() -> None:
+def test_landmarks_of_other_species_stay_on_its_surface() -> None:
     other = DAMAGES["other species"](BODY, LANDMARKS)
     assert rigid_errors(LANDMARKS, other.landmarks).mean() > 0.02 * np.sqrt(BODY.area)
     assert other.present.all()
     assert other.landmarks == pytest.approx(other.surface.vertices[:900:60])
 
 
-def test_a_mirror_image_keeps_its_outside_outside() -> None:
+def test_mirror_image_stays_oriented_outwards() -> None:
     mirrored = mirror_image(BODY, LANDMARKS)
     assert distances(Surface(mirrored.surface.vertices * [-1, 1, 1], BODY.triangles), LANDMARKS).max() < 1e-9
     corners = mirrored.surface.vertices[mirrored.surface.triangles]

@@ -31,7 +31,7 @@ def image(case: Case, vertex: np.ndarray) -> zo.SurfaceMap:
     return zo.SurfaceMap.from_vertices(vertex, case.source)
 
 
-def test_the_true_map_is_right_everywhere(case: Case) -> None:
+def test_true_map_has_no_faults(case: Case) -> None:
     figures = measure(case, image(case, np.arange(ROWS * COLUMNS)))
     assert figures == {"part": 1.0, "lost": 0, "visible": 2, "limb": 0.0, "torn": 0.0, "off": None}
     assert not is_wrong(figures)
@@ -81,7 +81,7 @@ def test_a_binding_is_played_and_checked(case: Case) -> None:
     assert found["stretched"] <= found["unchecked"]
 
 
-def test_vertices_on_another_limb_and_edges_across_are_counted(case: Case) -> None:
+def test_wrong_limb_vertices_and_torn_edges_are_counted(case: Case) -> None:
     vertex = np.arange(ROWS * COLUMNS)
     moved = 5 * ROWS + ROWS // 2
     vertex[moved] = 35 * ROWS + ROWS // 2

@@ -72,7 +72,7 @@ def test_faults_are_counted_in_the_unit_of_the_source(scale: float) -> None:
     assert figures(case, wrong)["key"] == NAMES[1]
 
 
-def test_turned_triangles_and_torn_edges_are_counted() -> None:
+def test_flipped_triangles_and_torn_edges_are_counted() -> None:
     case = head()
     keys = case.truth.copy()
     corner = case.target.triangles[np.abs(case.target.vertices[case.target.triangles, 1]).min(axis=1).argmax()][0]
@@ -82,7 +82,7 @@ def test_turned_triangles_and_torn_edges_are_counted() -> None:
     assert found["torn"] > 0
 
 
-def test_triangles_that_only_the_truth_turns_over_are_flipped_but_not_overturned() -> None:
+def test_triangles_flipped_by_truth_are_not_overturned() -> None:
     case = head()
     keys = case.truth.copy()
     corner = case.target.triangles[np.abs(case.target.vertices[case.target.triangles, 1]).min(axis=1).argmax()][0]

@@ -17,7 +17,7 @@ from benchmarks.paper import refinement, starts
 
 @pytest.fixture
 def features(tmp_path: Path) -> Path:
-    """The direction of each vertex of the shapes of `data`: smooth features that tell left from right."""
+    """The direction of each vertex of the shapes of `data`: smooth features that distinguish left from right."""
     (tmp_path / "creatures").mkdir()
     for seed, (name, bend) in enumerate((("a", 0.0), ("b", 0.9))):
         where = creature(900, seed, bend).directions
@@ -40,7 +40,7 @@ def test_a_map_is_fitted_to_the_features(data: Path, features: Path) -> None:
     assert row["mean"] < 100  # the map that exchanges left and right has 245
 
 
-def test_features_must_be_of_each_vertex(data: Path, features: Path) -> None:
+def test_features_must_have_a_row_for_each_vertex(data: Path, features: Path) -> None:
     call = ["refinement", "--data", str(data), "--features", str(features), "--pairs", "1"]
     np.save(features / "creatures" / "a.npy", np.ones((3, 2)))
     outcome = CliRunner().invoke(main, call)

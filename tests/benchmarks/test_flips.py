@@ -30,7 +30,7 @@ def test_a_share_of_the_edges_is_flipped() -> None:
     assert edges_of(with_flipped_edges(before, 0.125, seed=1)) != others
 
 
-def test_borders_folds_and_edges_that_are_there_stay() -> None:
+def test_borders_folds_and_existing_edges_are_not_flipped() -> None:
     square = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
     flat = Surface(square, [[0, 1, 2], [0, 2, 3]])
     assert edges_of(with_flipped_edges(flat, 1, 0)) == {(0, 1), (1, 2), (2, 3), (0, 3), (1, 3)}

@@ -80,7 +80,7 @@ def borders(surface: Surface) -> int:
     return 2 - (len(surface.vertices) - len(edges) + len(surface.triangles))
 
 
-def test_a_character_is_one_closed_body_of_its_own_mesh_with_eyes_and_perhaps_clothes(people):
+def test_character_is_one_closed_body_with_eyes_and_clothes(people):
     sizes = [np.bincount(mesh.surface.components) for mesh in (people.naked, people.dressed)]
     assert len(sizes[0]) == 3
     assert len(sizes[1]) >= 5
@@ -91,7 +91,7 @@ def test_a_character_is_one_closed_body_of_its_own_mesh_with_eyes_and_perhaps_cl
         assert is_ball(Surface(mesh.surface.vertices, body))
 
 
-def test_places_correspond_across_individuals_and_poses_and_so_do_their_mirror_images(people):
+def test_places_and_mirror_images_correspond_across_poses(people):
     naked, dressed = people.naked, people.dressed
     known = (naked.places >= 0) & (dressed.places >= 0) & (dressed.mirrored >= 0)
     assert known.mean() > 0.9
@@ -112,7 +112,7 @@ def test_the_mirror_image_of_a_place_is_the_place_of_the_mirror_image(people):
     assert across[known & (np.abs(rest[:, 0]) > 0.5)].min() > 0.3
 
 
-def test_builds_are_symmetric_repeatable_and_exaggerated_as_asked(people):
+def test_builds_are_symmetric_reproducible_and_exaggerated(people):
     modest, same, stylised = (
         draw_individual(people.template, np.random.default_rng(5), exaggeration, False) for exaggeration in (1, 1, 2)
     )
@@ -138,7 +138,7 @@ def test_poses_stay_in_reach_and_differ_between_the_sides(name):
             assert pose[bone] != pose[bone.replace(".L", ".R")]
 
 
-def test_a_ball_has_one_piece_no_border_and_no_handle():
+def test_is_ball_requires_one_closed_piece_without_handles():
     ball = trimesh.creation.icosphere(1)
     torus = trimesh.creation.torus(1.0, 0.3)
     two = trimesh.util.concatenate([ball, ball.copy().apply_translation([5, 0, 0])])
@@ -168,7 +168,7 @@ def test_stylised_pairs_are_those_of_the_most_different_builds(people):
     assert len(difference) == 6 * len(characters.POSES) ** 2
 
 
-def test_a_remeshed_self_lies_on_the_original_and_the_truth_finds_the_place(tmp_path):
+def test_remeshed_shape_keeps_surface_and_correspondence(tmp_path):
     meshes = {f"beast{i}": creature(3000, seed=0, bend=0.5 * i).surface for i in range(2)}
     write_set(tmp_path / "data", meshes, {}, [])
     write_remeshed(tmp_path / "set", [tmp_path / "data"], 0, 100)
@@ -185,7 +185,7 @@ def test_a_remeshed_self_lies_on_the_original_and_the_truth_finds_the_place(tmp_
 
 
 @pytest.mark.parametrize("change", CHANGES)
-def test_what_is_left_of_a_changed_mesh_is_as_it_was_and_the_rest_is_marked(change, data, partial):
+def test_unchanged_part_stays_and_changed_part_is_marked(change, data, partial):
     name = f"a_b_{change}"
     pair = load_pair(partial, name, f"{name}_whole")
     with np.load(partial / "partial.npz") as alone:
@@ -202,7 +202,7 @@ def test_what_is_left_of_a_changed_mesh_is_as_it_was_and_the_rest_is_marked(chan
 
 
 @pytest.mark.parametrize("change", ["limb", "end"])
-def test_a_severed_limb_leaves_one_piece_with_one_border_and_is_marked_on_the_whole(change, partial):
+def test_severed_limb_leaves_one_border_and_is_marked(change, partial):
     pair = load_pair(partial, f"a_b_{change}", f"a_b_{change}_whole")
     assert pair.target.components.max() == 0
     assert borders(pair.target) == 1
@@ -211,7 +211,7 @@ def test_a_severed_limb_leaves_one_piece_with_one_border_and_is_marked_on_the_wh
 
 
 @pytest.mark.parametrize("change", ["tail", "horns"])
-def test_what_grows_keeps_the_mesh_closed_and_is_marked_on_it(change, partial):
+def test_grown_part_keeps_mesh_closed_and_is_marked(change, partial):
     pair = load_pair(partial, f"a_b_{change}", f"a_b_{change}_whole")
     assert is_ball(pair.target)
     with np.load(partial / "partial.npz") as alone:
@@ -222,7 +222,7 @@ def test_holes_are_open(partial):
     assert borders(load_pair(partial, "a_b_holes", "a_b_holes_whole").target) > 2
 
 
-def test_a_place_is_never_found_on_the_other_side_of_a_thin_sheet():
+def test_places_stay_on_their_side_of_a_thin_sheet():
     box = trimesh.creation.box((1, 1, 0.002)).subdivide().subdivide().subdivide()
     mesh = Surface(box.vertices, box.faces)
     top = np.abs(box.vertices[:, :2]).max(axis=1) < 0.45
@@ -234,7 +234,7 @@ def test_a_place_is_never_found_on_the_other_side_of_a_thin_sheet():
     assert (standing_for(box.vertices[top] + 3 * up, up, mesh) == -1).all()
 
 
-def test_the_command_asks_for_the_meshes_that_a_set_is_made_from(tmp_path):
+def test_command_requires_source_meshes(tmp_path):
     outcome = CliRunner().invoke(main, ["partial", "--output", str(tmp_path)])
     assert outcome.exit_code != 0
     assert "--data" in outcome.output

@@ -44,7 +44,7 @@ def test_what_differs_from_an_earlier_run_is_named(tmp_path: Path, monkeypatch: 
     assert "1 fields differ" in changed.output
 
 
-def test_a_name_of_no_case_is_refused(tmp_path: Path) -> None:
+def test_unknown_case_is_refused(tmp_path: Path) -> None:
     refused = run(tmp_path, "--only", "nothing")
     assert refused.exit_code == 1
     assert "No case begins with nothing; these sorts are known: whole, part" in refused.output

@@ -53,7 +53,7 @@ def test_large_meshes_are_refined_by_each_method_and_drawn(meshes: Path, monkeyp
     assert (np.ptp(matplotlib.image.imread(meshes / "heat.png")[:, :, :3], axis=2) > 0.3).any()
 
 
-def test_rhm_is_left_out_where_it_takes_minutes(meshes: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_rhm_is_skipped_if_too_slow(meshes: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(large, "MAX_FOR_RHM", VERTICES - 1)
     assert "RHM" not in large._methods(datasets.load_same_order(meshes, "a", "b"))
 

@@ -48,6 +48,6 @@ def test_each_part_has_a_row_with_it_and_one_without(tmp_path: Path, monkeypatch
 
 
 @pytest.mark.parametrize("part", LEFT_OUT, ids=lambda part: part.name)
-def test_what_is_replaced_is_there(part: LeftOut) -> None:
+def test_replaced_functions_exist(part: LeftOut) -> None:
     for owner, name, _ in part.replacements:
         assert callable(getattr(owner, name))

@@ -13,7 +13,7 @@ pytestmark = pytest.mark.slow
 KEYS, GROUPS = 3, 40
 
 
-def test_every_kind_is_carried_and_timed() -> None:
+def test_every_kind_is_transferred_and_timed() -> None:
     rows = load.run(Size(cell=0.05, voxel=0.04, target_vertices=1500), GROUPS, KEYS)["rows"]
     counts = {row["kind"]: row["count"] for row in rows}
     assert counts["uv_maps"] == 3

@@ -41,7 +41,7 @@ def bow(gap: float) -> Surface:
     return Surface(ASKEW.apply(rings.reshape(-1, 3)), np.concatenate(triangles))
 
 
-def test_ends_that_nearly_touch_merge_and_those_farther_apart_do_not() -> None:
+def test_touching_ends_merge_and_distant_ones_do_not() -> None:
     touching, apart = bow(0.02), bow(0.5)
     merged = merge(touching)
     assert merged is not None
@@ -57,7 +57,7 @@ def between_ends(surface: Surface) -> float:
     return float(dijkstra(edge_graph(surface.vertices, surface.triangles), indices=ends[0])[ends[1]])
 
 
-def test_places_of_merged_shapes_are_where_they_were(tmp_path: Path) -> None:
+def test_merged_shapes_keep_their_places(tmp_path: Path) -> None:
     shapes = {"a": bow(0.02), "b": bow(0.5)}
     every = np.arange(ALONG * AROUND)
     write_set(tmp_path / "bows", shapes, {"a": every, "b": every}, [("a", "b")])

@@ -126,7 +126,7 @@ def test_a_larger_sample_has_the_smaller_one() -> None:
     assert chosen.sample(None) == chosen.sample(400) == list(chosen.pairs)
 
 
-def test_what_is_no_set_is_refused_in_a_sentence(tmp_path: Path) -> None:
+def test_invalid_sets_are_refused_in_a_sentence(tmp_path: Path) -> None:
     def said(*arguments: str) -> str:
         outcome = CliRunner().invoke(main, ["official", "--data", str(tmp_path), *arguments])
         assert outcome.exit_code == 1
@@ -155,7 +155,7 @@ def test_distances_run_along_edges_at_unit_area(tmp_path: Path, kept: int, monke
     assert 2 <= found[2] * np.sqrt(6) <= 3
 
 
-def test_shapes_are_turned_and_scaled_alike_in_each_run() -> None:
+def test_shapes_are_rotated_and_scaled_reproducibly() -> None:
     source, target = Setting(rotate=True, scale=True).place(STRIP, STRIP, 7)
     again = Setting(rotate=True, scale=True).place(STRIP, STRIP, 7)
     assert (source.vertices == again[0].vertices).all()
@@ -270,7 +270,7 @@ def record(target: str, source: str, error: float, certainty: float = 0.5, setti
     }
 
 
-def test_means_are_quoted_with_and_without_self_pairs() -> None:
+def test_means_include_and_exclude_self_pairs() -> None:
     records = [record("a", "a", 0.0), record("a", "b", 3.0, 0.95), record("b", "a", 9.0, 0.92)]
     (row,) = pages.rows_of("set", about(), records)
     assert (row["pairs"], row["of"], row["error"], row["without self-pairs"], row["median"]) == (3, 4, 4, 6, 3)
@@ -280,7 +280,7 @@ def test_means_are_quoted_with_and_without_self_pairs() -> None:
     assert (far["success %"], far["certain and wrong"]) == (100, 0)
 
 
-def test_all_four_settings_are_summed_up_if_their_pairs_are_the_same() -> None:
+def test_settings_are_averaged_if_their_pairs_are_equal() -> None:
     records = [record("a", "b", float(number), setting=name) for number, name in enumerate(pages.SETTINGS)]
     rows = pages.rows_of("set", about(), records)
     assert [row["input"] for row in rows] == [*pages.SETTINGS, "all four"]
@@ -288,7 +288,7 @@ def test_all_four_settings_are_summed_up_if_their_pairs_are_the_same() -> None:
     assert len(pages.rows_of("set", about(), [*records, record("b", "a", 1.0)])) == 4
 
 
-def test_a_shape_that_papers_leave_out_is_left_out_in_a_row_of_its_own() -> None:
+def test_shape_excluded_by_papers_has_a_row_without_it() -> None:
     rows = pages.rows_of("SHREC19_r", about(), [record("1", "40", 7.0), record("1", "2", 3.0)])
     assert [(row["input"], row["error"]) for row in rows] == [("as is", 5), ("as is, without shape 40", 3)]
 
@@ -319,7 +319,7 @@ def test_the_page_follows_its_records(tmp_path: Path) -> None:
     assert "published methods" not in written(protocol={})
 
 
-def test_methods_of_which_only_the_overlap_is_published_are_sorted_by_it() -> None:
+def test_methods_with_only_published_overlap_are_sorted_by_it() -> None:
     published = {"mIoU_trained": [{"method": "B", "mIoU": 70.0}, {"method": "A", "mIoU": 80.0}], "source": "A paper"}
     rows = [{"input": "as is", "error": 5.0, "mIoU": 75.0}]
     standing = pages._standing({"protocol": {"published": published}}, rows)
@@ -347,7 +347,7 @@ def test_a_set_without_truth_has_figures_of_agreement(tmp_path: Path) -> None:
     assert "certain, not all agree" in (tmp_path / "page.md").read_text()
 
 
-def test_the_page_of_the_documentation_is_what_its_records_make() -> None:
+def test_documentation_page_is_up_to_date() -> None:
     docs = Path(__file__).parents[2] / "docs"
     assert pages.as_page(docs / "results") == (docs / "results.md").read_text()
 

@@ -32,7 +32,7 @@ def figures(thing: Surface, found: np.ndarray, truth: np.ndarray | None, radius:
     return outfits.Expected(thing, (skin(), skin(radius)), 0.1, truth).figures(found)
 
 
-def test_what_stays_as_it_was_has_no_faults() -> None:
+def test_unchanged_garment_has_no_faults() -> None:
     shirt = ball(1.1, count=300)
     found = figures(shirt, shirt.vertices, shirt.vertices)
     assert found == dict.fromkeys(found, 0)
@@ -79,13 +79,13 @@ def test_faults_are_counted() -> None:
     assert found["stretched"] > 0
 
 
-def test_keys_are_compared_with_the_authors() -> None:
+def test_keys_are_compared_with_those_of_the_authors() -> None:
     true = {"wide": np.tile([1.0, 0, 0], (4, 1)), "deep": np.tile([0, 0, 2.0], (4, 1)), "still": np.zeros((4, 3))}
     found = outfits.key_figures({**true, "wide": 0.5 * true["wide"], "deep": -true["deep"]}, true, frozenset({"wide"}))
     assert found == pytest.approx({"cosine": 1, "key error": 0.5, "other key error": 2})
 
 
-def test_each_way_has_a_row(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_each_method_has_a_row(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     source, target = creature(700, 1).surface, creature(600, 2, bend=0.4).surface
     normals = source.working.vertex_normals[source.working.vertex_of]
     shirt = Surface(source.vertices + 0.03 * normals, source.triangles[:900])

@@ -48,7 +48,7 @@ def test_a_page_has_each_section_with_its_tables_and_figure(tmp_path: Path, monk
     assert "pairs" not in json.loads((tmp_path / "docs" / "paper" / "one.json").read_text())["tables"]
 
 
-def test_a_section_is_made_anew_and_the_others_are_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_only_chosen_section_is_recomputed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     page = tmp_path / "paper.md"
     monkeypatch.setattr(paper, "SECTIONS", (section("one", ROWS), section("two", {})))
     paper.run(tmp_path, None, page)
@@ -67,9 +67,7 @@ def test_without_data_the_page_is_written_from_its_records(tmp_path: Path, monke
     assert page.read_text() == before
 
 
-def test_the_command_names_sections_that_fail_and_that_it_does_not_know(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_command_names_failed_and_unknown_sections(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(paper, "SECTIONS", (section("one", ROWS), section("two", {})))
     call = ["paper", "--data", str(tmp_path), "--page", str(tmp_path / "page.md")]
     failed = CliRunner().invoke(main, call)

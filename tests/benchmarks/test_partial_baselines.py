@@ -19,7 +19,7 @@ from zoomout_core.mesh.surface import Surface
 # --- coherent point drift -----------------------------------------------------------------------------------
 
 
-def test_a_point_belongs_to_the_centres_by_their_likelihood_and_to_none_by_the_outliers() -> None:
+def test_cpd_probabilities_include_outliers() -> None:
     centres, point = np.array([[0.0, 0, 0], [2.0, 0, 0]]), np.array([[0.5, 0, 0]])
     share = probabilities(centres, point, variance=0.5)
     # At squared distances 1/4 and 9/4 and 2 sigma^2 = 1; the mixture's constant (pi)^(3/2) w / (1 - w) M / N.
@@ -39,7 +39,7 @@ def test_an_iteration_solves_the_papers_system() -> None:
     np.testing.assert_allclose(drift.move(moving), moving + kernel(moving, moving) @ weights, atol=1e-6)
 
 
-def test_points_drift_onto_their_bent_copy() -> None:
+def test_cpd_registers_a_bent_copy() -> None:
     points = creature(600).surface.vertices
     bent = points + 0.15 * np.sin(2 * points[:, [1, 2, 0]])
     found = cpd(points, bent, samples=600)
@@ -52,7 +52,7 @@ def test_points_drift_onto_their_bent_copy() -> None:
 # --- game-theoretic matching --------------------------------------------------------------------------------
 
 
-def test_matches_pay_by_how_they_keep_distances_and_nothing_for_a_shared_point() -> None:
+def test_payoff_measures_distance_preservation() -> None:
     pairs = np.array([[0, 0], [1, 1], [1, 0], [2, 1]])
     between_targets = np.array([[0, 1, np.inf], [1, 0, 1], [np.inf, 1, 0]])
     between_sources = np.array([[0, 1 + DISTORTION], [1 + DISTORTION, 0]])
@@ -62,7 +62,7 @@ def test_matches_pay_by_how_they_keep_distances_and_nothing_for_a_shared_point()
     np.testing.assert_allclose(paid, paid.T)
 
 
-def test_the_group_that_agrees_survives() -> None:
+def test_consistent_group_of_matches_survives() -> None:
     # Three strategies that all agree, and two that agree with one other each.
     payoff = np.zeros((5, 5))
     payoff[:3, :3] = 1 - np.eye(3)
@@ -72,7 +72,7 @@ def test_the_group_that_agrees_survives() -> None:
         agreeing(np.zeros((3, 3)))
 
 
-def test_a_vertex_goes_where_it_is_as_far_from_the_matches() -> None:
+def test_interpolation_preserves_distances_to_matches() -> None:
     # On a line of five vertices the matched points are the ends; the source is the same line, turned round.
     line = np.arange(5) / 4
     from_targets = np.vstack([line, 1 - line])
@@ -100,7 +100,7 @@ def error(vertex: np.ndarray, source: Surface, truth: np.ndarray, places: np.nda
 
 
 def test_game_theory_matches_a_part(pair: tuple, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(gtm_module, "RADIUS", 0.3)  # these are smooth, and say little within a small ball
+    monkeypatch.setattr(gtm_module, "RADIUS", 0.3)  # these are smooth, and carry little information within a small ball
     monkeypatch.setattr(gtm_module, "TARGET_SAMPLES", 120)
     monkeypatch.setattr(gtm_module, "SOURCE_SAMPLES", 500)
     source, target, truth = pair

@@ -59,7 +59,7 @@ def test_pairs_are_those_of_the_known_kinds_evenly_spread(parts: Path) -> None:
     assert part_names(parts / "partial", 2, partial.KINDS) == ["cut_a_00", "holes_a_00"]
 
 
-def test_a_map_is_measured_by_its_errors_and_by_what_it_reaches() -> None:
+def test_map_is_measured_by_errors_and_coverage() -> None:
     """A strip of 10 squares, and a part that belongs to its left half."""
     points = np.array([[x, y, 0] for x in range(11) for y in range(2)], dtype=float)
     corner = 2 * np.arange(10)[:, None]

@@ -62,7 +62,7 @@ def check_gradient(at: Callable[[Floats], tuple[float, Floats]], x: Floats) -> N
 # --- PFM ----------------------------------------------------------------------------------------------------
 
 
-def test_the_gradients_are_those_of_the_energies(whole: Creature, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_gradients_match_the_energies(whole: Creature, monkeypatch: pytest.MonkeyPatch) -> None:
     random = np.random.default_rng(0)
     fit = MapEnergy(random.standard_normal((8, 12)), slant(8, 5), 5)
     check_gradient(lambda C: fit.at(C, np.ones((8, 12))), random.standard_normal((8, 8)))
@@ -72,7 +72,7 @@ def test_the_gradients_are_those_of_the_energies(whole: Creature, monkeypatch: p
     check_gradient(lambda v: place.at(v, np.ones((8, 12))), random.random(1500))
 
 
-def test_a_map_that_fulfils_all_terms_has_the_energy_of_its_slant() -> None:
+def test_ideal_map_has_only_the_slant_energy() -> None:
     # Two of three rows orthonormal, along the diagonal of slope 2 / 3, and descriptors that agree.
     C = np.eye(3)[[0, 1, 2]] * [[1], [1], [0]]
     fit = MapEnergy(np.eye(3), slant(3, 2), 2)
@@ -97,7 +97,7 @@ def test_the_gradient_of_a_coordinate_lies_in_the_triangle() -> None:
     np.testing.assert_allclose(gradient @ triangle, np.diag([1.0, 1, 0]), atol=1e-12)
 
 
-def test_the_border_of_a_region_is_as_long_as_it_is() -> None:
+def test_region_border_has_its_length() -> None:
     """On a unit square, v rises linearly from 0 to 1 in the middle between the two halves."""
     side = np.linspace(0, 1, 101)
     points = np.stack(np.meshgrid(side, side, [0.0], indexing="ij"), axis=-1).reshape(-1, 3)
@@ -110,7 +110,7 @@ def test_the_border_of_a_region_is_as_long_as_it_is() -> None:
     assert place._border(np.ones(101**2))[0] < 0.01
 
 
-def test_the_nearest_orthonormal_rows_of_a_stretched_map() -> None:
+def test_nearest_orthonormal_rows_ignore_stretching() -> None:
     rows = np.eye(3)[:2]
     np.testing.assert_allclose(orthonormal_rows(np.diag([2.0, 5]) @ rows), rows, atol=1e-12)
 
@@ -129,7 +129,7 @@ def test_closest_points_turn_a_circle_into_place() -> None:
 def test_a_part_is_found_with_its_region(whole: Creature, half: tuple[Surface, np.ndarray]) -> None:
     part, truth = half
     source, target = (Side(surface, zo.eigenbasis(surface, K)) for surface in (whole.surface, part))
-    # Descriptors that tell places apart: smooth functions of them.
+    # Descriptors that distinguish places: smooth functions of them.
     places = whole.directions
     descriptors = np.column_stack([np.exp(-4 * ((places - place) ** 2).sum(axis=1)) for place in places[::25]])
     random = np.random.default_rng(0)
@@ -149,7 +149,7 @@ def test_a_part_is_found_with_its_region(whole: Creature, half: tuple[Surface, n
 # --- LMH ----------------------------------------------------------------------------------------------------
 
 
-def test_harmonics_are_local_and_new(whole: Creature) -> None:
+def test_localized_harmonics_are_local_and_orthogonal_to_basis(whole: Creature) -> None:
     outside = (whole.directions[:, 0] < 0.1).astype(float)
     low = zo.eigenbasis(whole.surface, 10)
     harmonics = localized_harmonics(whole.surface, low, outside, 12)
@@ -162,7 +162,7 @@ def test_harmonics_are_local_and_new(whole: Creature) -> None:
     assert overlap.max() < 0.3 < np.abs(low.coefficients(without.eigenvectors)).max()
 
 
-def test_without_a_region_and_without_globals_they_are_eigenfunctions(whole: Creature) -> None:
+def test_harmonics_without_region_are_eigenfunctions(whole: Creature) -> None:
     basis = zo.eigenbasis(whole.surface, 12)
     nothing = SpectralBasis(np.zeros(0), np.zeros((1500, 0)), basis.areas, basis.points)
     harmonics = localized_harmonics(whole.surface, nothing, np.zeros(1500), 12)
@@ -175,7 +175,7 @@ def test_functions_are_transported_by_least_squares() -> None:
     np.testing.assert_allclose(transport(functions, C @ functions), C, rtol=0.05, atol=0.05)
 
 
-def test_heat_at_a_match_is_its_row_at_three_decays() -> None:
+def test_heat_kernels_at_matches_use_three_decays() -> None:
     basis = SpectralBasis(np.array([0.0, 2]), np.array([[1.0, 3], [1, -3]]), np.full(2, 0.5), np.zeros((2, 3)))
     of_first = kernels(basis, np.array([0]))
     np.testing.assert_allclose(of_first[0], 1)

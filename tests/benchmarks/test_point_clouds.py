@@ -49,9 +49,7 @@ def matched(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("matched")
-def test_clouds_of_a_set_are_matched_with_its_meshes_and_with_each_other(
-    people: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_clouds_match_meshes_and_each_other(people: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(point_clouds, "_methods", lambda pair, _: {"initial": np.zeros(len(pair.target.vertices), int)})
     tables = point_clouds.run(people, None)
     found = {row["direction"]: (row["pairs"], row["right"], row["certain and wrong"]) for row in tables["match"]}
@@ -81,11 +79,11 @@ def test_maps_of_clouds_are_refined(people: Path, tmp_path: Path, monkeypatch: p
     assert (tmp_path / "curves.png").is_file()
 
 
-def test_points_are_drawn_from_tosca_alone(data: Path) -> None:
+def test_points_are_sampled_only_from_tosca(data: Path) -> None:
     assert point_clouds.run(data, None)["rows"] == []
 
 
-def test_points_are_drawn_from_the_meshes_of_other_sets(data: Path) -> None:
+def test_sampled_points_lie_on_their_meshes(data: Path) -> None:
     pair = load_pair(data / "creatures", "a", "b")
     found = dict(point_clouds._pairs(pair, 0, sampled=True))
     assert list(found) == list(point_clouds.DIRECTIONS)

@@ -17,7 +17,7 @@ def test_each_kind_of_data_is_linked_and_equals_the_operator() -> None:
     assert rows[-1]["layers"] == rows[-3]["layers"]
 
 
-def test_levels_are_near_their_geometry_alone() -> None:
+def test_levels_of_detail_stay_near_the_original() -> None:
     ratios = 0.5, 0.25
     rows = levels.levels_beside_blender(0.04, ratios)
     assert [row["share"] for row in rows] == list(np.repeat(ratios, 2))
@@ -27,7 +27,7 @@ def test_levels_are_near_their_geometry_alone() -> None:
     assert all(row["to exact weights"] < 1.1 for row in ours)
 
 
-def test_bakes_are_ahead_of_cycles_where_poses_differ(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_bakes_beat_cycles_in_another_pose(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(bakes, "SIZE", 128)
     monkeypatch.setattr(bakes, "CAGES", (0.02, 0.04))
     rows = bakes.bake_both(0.04, 0.03, 2000)
@@ -36,7 +36,7 @@ def test_bakes_are_ahead_of_cycles_where_poses_differ(monkeypatch: pytest.Monkey
     assert rows[0]["wrong texels %"] < 20
 
 
-def test_files_are_read_elsewhere() -> None:
+def test_written_files_open_in_other_readers() -> None:
     written, *rows = files.open_elsewhere(0.04)
     plain = [row for row in rows if row["file"] == "plain.glb"]
     assert {row["reader"] for row in plain} == set(files.READERS)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Sentences of the paper's page say what their tables say, and the page is what its records make."""
+"""Sentences on the paper's page agree with their tables, and the page is up to date with its records."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def test_the_method_with_the_smallest_error_is_named() -> None:
         ([9, 9, 9, 9], ["From a size of 2 on, 9 of 10"]),
     ],
 )
-def test_the_size_from_which_on_pairs_end_right_is_found(right: list[int], said: list[str]) -> None:
+def test_smallest_sufficient_initial_size_is_found(right: list[int], said: list[str]) -> None:
     rows = [{"size": 2 + n, "pairs": 10, "mean error": 9.0, "right": count} for n, count in enumerate(right)]
     found = readings.initial_size({"rows": rows})
     assert len(found) == len(said)
@@ -61,13 +61,13 @@ def test_certain_and_wrong_maps_are_counted() -> None:
     assert "right on 10 of 15 pairs. It is certain of 12 maps; wrong among these: 2." in said
 
 
-def test_the_page_is_what_its_records_make() -> None:
+def test_page_is_up_to_date_with_its_records() -> None:
     records = {section: json.loads((DOCS / "paper" / f"{section.name}.json").read_text()) for section in MADE}
     assert paper.as_page(records, DOCS / "paper") == (DOCS / "paper.md").read_text()
 
 
 @pytest.mark.parametrize("section", MADE, ids=lambda section: section.name)
-def test_every_figure_of_a_sentence_is_in_its_table_or_computed_from_it(section: paper.Section) -> None:
+def test_every_figure_in_text_comes_from_its_table(section: paper.Section) -> None:
     tables = json.loads((DOCS / "paper" / f"{section.name}.json").read_text())["tables"]
     said = section.reading(tables)
     assert said

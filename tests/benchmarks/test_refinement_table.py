@@ -73,7 +73,7 @@ def test_each_kind_of_set_has_a_table_of_all_methods(sets: Path, monkeypatch: py
     assert far[-1]["covered %"] is None
 
 
-def test_meshes_of_other_kinds_begin_with_shot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_different_meshings_start_from_shot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     template, vertex = directions(400, seed=9), {}
     for seed, name in enumerate(("iso_a", "dense_b", "mc_b", "iso_b")):
         made = creature(500, seed, bend=0.4 * name.endswith("b"), asymmetry=0.3)
@@ -93,7 +93,7 @@ def test_meshes_of_other_kinds_begin_with_shot(tmp_path: Path, monkeypatch: pyte
     assert 100 < (np.ptp(image, axis=2) > 0.3).sum() < 0.2 * image[:, :, 0].size
 
 
-def test_a_fitted_start_keeps_left_and_right() -> None:
+def test_fitted_start_distinguishes_left_from_right() -> None:
     creatures = creature(900, 0, asymmetry=0.3), creature(800, 1, bend=0.5, asymmetry=0.3)
     source, target = (each.surface for each in creatures)
     start = starts.from_signatures(source, target)
@@ -105,7 +105,7 @@ def test_a_fitted_start_keeps_left_and_right() -> None:
     assert mirrored > 0.2
 
 
-def test_going_there_and_back_is_measured_at_every_vertex(data: Path) -> None:
+def test_round_trip_error_is_measured_at_every_vertex(data: Path) -> None:
     pair = refinement.load_pair(data / "creatures", "a", "b")
     same = np.arange(len(pair.target.vertices))
     assert refinement._bijectivity(same[:, None], pair.target) == 0

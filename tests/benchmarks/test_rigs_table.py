@@ -24,7 +24,7 @@ def test_rows_join_the_errors_of_all_pairs() -> None:
     assert row["posed"] == 2.0
 
 
-def test_bones_are_listed_by_their_error_beside_that_along_the_true_map() -> None:
+def test_bones_are_sorted_by_error() -> None:
     def record(method: str, *errors: float) -> Record:
         return {
             "kind": rigs.JUDGED,
@@ -44,7 +44,7 @@ def test_bones_are_listed_by_their_error_beside_that_along_the_true_map() -> Non
     assert (knee[rigs.PRODUCT], knee["worst"], knee[rigs.BY_TRUE_MAP]) == (2.0, 3.0, 1.5)
 
 
-def test_the_source_that_fits_best_is_the_one_found() -> None:
+def test_best_fitting_source_is_chosen() -> None:
     pairs = (("woman", "child", 0.05), ("man", "child", 0.06), ("woman", "elder", 0.09), ("man", "elder", 0.07))
     records = [
         {"kind": rigs.JUDGED, "source": source, "target": target, "misfit": misfit} for source, target, misfit in pairs

@@ -15,7 +15,7 @@ from benchmarks.tables import write_page
 pytestmark = pytest.mark.slow
 
 
-def test_a_verdict_says_whether_what_was_carried_is_right_and_whether_the_tool_knew() -> None:
+def test_verdict_distinguishes_right_wrong_and_reported() -> None:
     source, target = clean()
     of = lambda answer: robustness._verdict(answer, target, source)  # noqa: E731
     assert of("crash") == "crash"
@@ -35,19 +35,19 @@ def test_hard_meshes_keep_the_vertices_of_the_target() -> None:
         assert name == "no extent" or same.sum() >= len(target[0]) - 1, name
 
 
-def test_a_file_is_read_in_a_process_of_its_own(tmp_path: Path) -> None:
+def test_files_are_read_in_separate_processes(tmp_path: Path) -> None:
     files = malformed_files()
     for name, verdict in (("vertex_zero.obj", "sentence"), ("empty.stl", "sentence")):
         assert robustness._read(name, files[name], tmp_path, "zoomout_core") == verdict
     assert robustness._read("empty.stl", b"", tmp_path, "pyFMaps") == "-"
 
 
-def test_a_process_that_does_not_end_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_hanging_process_is_terminated(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(robustness, "SECONDS", 0.01)
     assert robustness._answer("zoomout_core", tmp_path / "missing.obj") == "hang"
 
 
-def test_a_page_keeps_what_is_said_between_its_tables(tmp_path: Path) -> None:
+def test_page_keeps_text_between_tables(tmp_path: Path) -> None:
     page = tmp_path / "page.md"
     page.write_text("Before.\n\n<!-- sums -->\nold\n<!-- end of sums -->\n\nAfter.\n")
     write_page({"sums": [{"tool": "ours", "right": 3}]}, page)

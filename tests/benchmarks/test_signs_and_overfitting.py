@@ -29,7 +29,7 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(module, name, value)
 
 
-def test_a_creatures_mirror_image_comes_first_among_the_signs(small: None) -> None:
+def test_mirror_symmetry_ranks_first_among_signs(small: None) -> None:
     whole = creature(900)
     body, ranked = signs.ranked_signs(whole.surface)
     assert len(ranked) == 15
@@ -67,7 +67,7 @@ def test_shapes_of_the_folder_have_rows_and_pictures(
     assert (np.ptp(image, axis=2) > 0.2).mean() > 0.02
 
 
-def test_refined_maps_grow_more_exact_with_their_size_than_fitted_ones(small: None, data: Path, tmp_path: Path) -> None:
+def test_errors_of_fitted_and_refined_maps_are_listed_by_size(small: None, data: Path, tmp_path: Path) -> None:
     rows = overfitting.run(data, 1, tmp_path / "lines.png")["rows"]
     assert [row["size"] for row in rows] == [10, 20, 30]
     fitted, refined, true = (

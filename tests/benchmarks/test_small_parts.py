@@ -23,7 +23,7 @@ from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import edge_graph
 
 
-def test_what_is_cut_off_is_one_piece_around_the_tip() -> None:
+def test_cut_limb_is_one_piece_around_the_tip() -> None:
     surface = creature(600).surface
     far = dijkstra(edge_graph(surface.vertices, surface.triangles), indices=[7])[0]
     part, kept = cut_limb(surface, 7, 1.0)
@@ -35,7 +35,7 @@ def test_what_is_cut_off_is_one_piece_around_the_tip() -> None:
 
 
 @pytest.mark.parametrize(("side", "right"), [(1, True), (-1, False)])
-def test_a_limb_is_counted_as_right_or_as_on_the_other_side(
+def test_limb_matches_are_counted_by_side(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, side: int, right: bool
 ) -> None:
     made = creature(600).surface

@@ -25,13 +25,13 @@ def test_rigid_errors_do_not_depend_on_placement() -> None:
     assert specimens.rigid_errors(points, 2 * points).mean() > 0.3
 
 
-def test_the_area_under_the_curve_is_that_of_a_hand_count() -> None:
+def test_area_under_curve_equals_hand_count() -> None:
     wrong = np.array([True, False, True, False])
     assert specimens.area_under_curve(np.array([4.0, 1, 2, 3]), wrong) == 0.75
     assert specimens.area_under_curve(np.arange(4.0), np.zeros(4, dtype=bool)) is None
 
 
-def test_places_on_the_inner_wall_are_swaps() -> None:
+def test_points_on_the_inner_wall_count_as_swaps() -> None:
     body = hollow(900, 0)
     truth = body.vertices[:900:50]
     assert specimens.swapped_sides(truth, truth, body) == 0

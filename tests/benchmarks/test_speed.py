@@ -45,7 +45,7 @@ def test_all_systems_are_measured_on_the_same_pair(tables: dict[str, list[dict]]
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="other systems do not forget the peak")
-def test_the_peak_memory_is_that_of_each_system_alone(horses: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_peak_memory_is_measured_per_system(horses: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def measured(megabytes: int) -> tuple[dict, dict]:
         np.ones(megabytes << 17)
         return {}, {}
@@ -87,7 +87,7 @@ def michaels(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_growth_is_fitted_to_what_was_timed(michaels: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_growth_exponent_is_fitted_to_timings(michaels: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for name, value in (
         ("REPEATS", 1),
         ("DECIMATED", (1000,)),
@@ -109,7 +109,7 @@ def test_growth_is_fitted_to_what_was_timed(michaels: Path, monkeypatch: pytest.
     assert match["exponent"] == pytest.approx(slope) == match["from 900 on"]
 
 
-def test_a_profile_names_functions_and_what_the_machine_can_do(horses: Path) -> None:
+def test_profile_lists_functions_and_machine_speed(horses: Path) -> None:
     tables = profile.run(horses, 1)
     assert len(tables["rows"]) == profile.SHOWN
     own = [row["own seconds"] for row in tables["rows"]]

@@ -43,14 +43,14 @@ def test_true_maps_converge_and_noise_does_not(data: Path, tmp_path: Path, monke
     monkeypatch.setattr(initial_size, "NOISY_SIZE", 8)
     tables = initial_size.run(data, None, tmp_path / "sizes.png")
     assert [(row["size"], row["right"]) for row in tables["rows"]] == [(6, 1), (20, 1)]
-    assert tables["rows"][0]["mean error"] < tables["rows"][0]["initial"]  # six functions say little
+    assert tables["rows"][0]["mean error"] < tables["rows"][0]["initial"]  # six functions carry little information
     assert (tmp_path / "sizes.png").is_file()
     assert [row["draws"] for row in tables["noise"]] == [4, 4]
     assert tables["noise"][0]["converged"] == 4
     assert tables["noise"][1]["converged"] < 4
 
 
-def test_the_true_functional_map_takes_functions_to_their_places(data: Path) -> None:
+def test_true_functional_map_transfers_functions(data: Path) -> None:
     pair = load_pair(data / SET, "a", "b")
     source, target = zo.eigenbasis(pair.source, 10), zo.eigenbasis(pair.target, 10)
     carried = target.eigenvectors[:, :10] @ initial_size.true_map(pair, source, target, 10)
@@ -58,7 +58,7 @@ def test_the_true_functional_map_takes_functions_to_their_places(data: Path) -> 
     assert np.corrcoef(carried[pair.target_vertex, 1], there[:, 1])[0, 1] > 0.95
 
 
-def test_sets_that_are_far_from_isometric_say_nothing_of_sizes(data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_non_isometric_sets_are_skipped(data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(initial_size, "START", "ini_direct")
     monkeypatch.setattr(initial_size, "is_far", lambda name: name == SET)
     assert initial_size.run(data, None)["rows"] == []

@@ -75,7 +75,7 @@ def test_a_section_of_the_page_is_resumed(tmp_path: Path, monkeypatch: pytest.Mo
     assert json.loads((tmp_path / "paper" / "one.json").read_text())["seconds"] > 0
 
 
-def test_people_of_shrec_begin_with_landmarks(data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_shrec19_starts_from_landmarks(data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     shutil.copytree(data / "creatures", tmp_path / "shrec19_r")
     shutil.copytree(data / "creatures", tmp_path / "others")
     monkeypatch.setattr(refinement, "METHODS", {"initial": refinement.METHODS["initial"]})

@@ -38,7 +38,7 @@ def test_symmetries_are_measured_beside_the_truth(tables: dict) -> None:
     assert 0 < truth["distortion"] < ours["distortion"] + 20
 
 
-def test_a_reversing_start_is_refined_by_each_method_beside_the_published(tables: dict) -> None:
+def test_reversing_start_is_refined_by_each_method(tables: dict) -> None:
     rows = {row["method"]: row for row in tables["refined"]}
     assert list(rows) == list(symmetry_refinement.PUBLISHED)
     assert rows["BIM"]["published SCAPE"] == 133

@@ -32,7 +32,7 @@ def character() -> Character:
     return Character("pack", "creature", skeleton, body, body, body, "none")
 
 
-def test_each_bone_is_expected_on_its_partner_and_a_lone_one_nowhere(character: Character) -> None:
+def test_bones_map_to_partners_and_lone_bones_to_none(character: Character) -> None:
     truth = mirrored_bones(character)
     column = {name: truth.names.index(name) for name in truth.names}
     for name, other in (("Arm.L", "Arm.R"), ("Leg.R", "Leg.L"), ("Head", "Head")):
@@ -53,7 +53,7 @@ def test_a_symmetry_becomes_a_record_and_records_a_row(character: Character) -> 
     assert (row["cases"], row["right"], row["certain and wrong"], row["worst limb"]) == (2, 1, 1, 0.4)
 
 
-def test_what_is_worn_is_measured_by_its_places_at_rest(character: Character) -> None:
+def test_worn_objects_are_measured_at_rest(character: Character) -> None:
     surface = zo.Surface(character.rest.vertices, character.rest.triangles)
     places, part = character.rest.vertices, np.zeros(len(character.rest.vertices), dtype=np.int64)
     rest = Rest(places, places * [-1, 1, 1], 0.02, part, part, ("body",))

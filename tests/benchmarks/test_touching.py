@@ -31,7 +31,7 @@ def gap(vertices: np.ndarray, one: np.ndarray, other: np.ndarray) -> float:
     return float(np.asarray(cKDTree(vertices[one]).query(vertices[other])[0]).min())
 
 
-def test_limbs_touch_that_were_apart(bodies: Any) -> None:
+def test_posed_limbs_touch(bodies: Any) -> None:
     limb, finger = arms_and_legs(bodies), fingers(bodies)
     still = bodies.vertices("woman")
     for pose, one, other in (
@@ -42,7 +42,7 @@ def test_limbs_touch_that_were_apart(bodies: Any) -> None:
         assert gap(pose(bodies, "woman"), one, other) < GAP
 
 
-def test_bones_keep_their_lengths_and_other_limbs_their_places(bodies: Any) -> None:
+def test_posed_bones_keep_lengths_and_other_limbs_stay(bodies: Any) -> None:
     limb, still = arms_and_legs(bodies), bodies.vertices("man")
     posed = POSES["crossed arms"][0](bodies, "man")
     np.testing.assert_allclose(posed[np.abs(limb) == 2], still[np.abs(limb) == 2], atol=1e-9)

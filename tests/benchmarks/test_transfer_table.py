@@ -29,14 +29,14 @@ def tables(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[dict]]:
         return transfer.run(data, None)
 
 
-def test_every_way_is_measured_on_every_shape_in_both_poses(tables: dict[str, list[dict]]) -> None:
+def test_every_method_is_measured_in_both_poses(tables: dict[str, list[dict]]) -> None:
     assert {(row["shape"], row["pose"], row["way"]) for row in tables["pairs"]} == {
         (shape, pose, way) for shape in ("character", "creature") for pose in ("same", "other") for way in WAYS
     }
     assert all(row["shapes"] == 2 for row in tables["rows"])
 
 
-def test_the_true_map_leaves_no_error_but_that_of_the_target_s_own_mesh(tables: dict[str, list[dict]]) -> None:
+def test_true_map_leaves_only_discretisation_error(tables: dict[str, list[dict]]) -> None:
     for row in tables["pairs"]:
         if row["way"] == "true map":
             assert row["uv median"] < 1e-3
@@ -49,7 +49,7 @@ def test_the_true_map_leaves_no_error_but_that_of_the_target_s_own_mesh(tables: 
             assert row["keys"] < (0.05 if row["pose"] == "same" else posed)
 
 
-def test_what_looks_in_space_is_right_in_the_same_pose_only(tables: dict[str, list[dict]]) -> None:
+def test_spatial_methods_work_only_in_the_same_pose(tables: dict[str, list[dict]]) -> None:
     rows = {(row["pose"], row["way"]): row for row in tables["rows"]}
     for way in ("proximity, aligned", "Data Transfer, aligned", "MeshLab"):
         assert rows["same", way]["weights"] < 0.1 < rows["other", way]["weights"]
@@ -90,7 +90,7 @@ def _fans(triangles: np.ndarray, opened: np.ndarray) -> int:
     return len(np.unique(parent))
 
 
-def test_a_rigid_motion_is_found_again() -> None:
+def test_rigid_motion_is_recovered() -> None:
     points = np.random.default_rng(0).normal(size=(50, 3))
     turn, _ = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))
     turn *= np.sign(np.linalg.det(turn))

@@ -29,7 +29,7 @@ def test_each_number_is_tried_with_less_and_with_more(data: Path, monkeypatch: p
     assert not any(row["better"] or row["worse"] for row in rows if row["number"] != "pooling")
 
 
-def test_values_stay_in_their_range_whole_or_nested() -> None:
+def test_scaled_values_stay_in_range_and_keep_their_type() -> None:
     assert tuning._scale(((1, 4), (2, 7)), 0.5, 1, 100) == ((1, 2), (1, 4))
     assert tuning._scale(0.8, 2.0, 0, 1) == 1.0
     for stage in stages().values():
@@ -37,7 +37,7 @@ def test_values_stay_in_their_range_whole_or_nested() -> None:
             assert type(value) is type(getattr(stage, number))
 
 
-def test_a_name_of_no_stage_is_refused(data: Path) -> None:
+def test_unknown_stage_is_refused(data: Path) -> None:
     outcome = CliRunner().invoke(main, ["tuning", "--data", str(data), "--stage", "nothing"])
     assert outcome.exit_code == 1
     assert "No stage is called so" in outcome.output

@@ -51,7 +51,7 @@ def test_the_add_on_is_gone_afterwards(tables: dict[str, list[window.Record]]) -
     assert not hasattr(bpy.types.Scene, "zoomout")
 
 
-def test_every_operator_is_watched(tables: dict[str, list[window.Record]]) -> None:
+def test_every_operator_is_measured(tables: dict[str, list[window.Record]]) -> None:
     rows = {row["operator"]: row for row in tables["rows"]}
     assert len(rows) == len(tables["rows"]) > 20
     assert {"match, cold", "match, warm", "transfer", "match collections", "cut along seams", "mirror sculpt"} <= {
@@ -64,7 +64,7 @@ def test_every_operator_is_watched(tables: dict[str, list[window.Record]]) -> No
     assert sum(row["seconds"] for row in cold) == pytest.approx(rows["match, cold"]["seconds"], rel=0.05)
 
 
-def test_escape_is_pressed_at_moments_of_the_match(tables: dict[str, list[window.Record]]) -> None:
+def test_escape_is_measured_during_matches(tables: dict[str, list[window.Record]]) -> None:
     cold, warm = tables["escape"]
     assert (cold["operator"], warm["operator"]) == ("match, cold", "match, warm")
     for row in (cold, warm):
@@ -72,7 +72,7 @@ def test_escape_is_pressed_at_moments_of_the_match(tables: dict[str, list[window
         assert row["of that closing"] <= row["longest wait"]
 
 
-def test_a_watched_operator_that_is_escaped_writes_nothing() -> None:
+def test_escaped_operator_writes_nothing() -> None:
     written = []
 
     async def work() -> str:
@@ -86,7 +86,7 @@ def test_a_watched_operator_that_is_escaped_writes_nothing() -> None:
     assert seen.closing > 0
 
 
-def test_a_transfer_is_taken_back_and_made_again_exactly(tables: dict[str, list[window.Record]]) -> None:
+def test_transfer_is_undone_and_redone_exactly(tables: dict[str, list[window.Record]]) -> None:
     rows = tables["undo"]
     assert [row["step"] for row in rows] == ["transfer", "keep a step of undo", "undo", "redo"]
     assert [row["exact"] for row in rows] == [True, None, True, True]

@@ -54,7 +54,7 @@ def test_each_module_belongs_to_a_layer() -> None:
     assert {layer(path) for path in ADDON.rglob("*.py")} == {*LAYERS, *OUTSIDE}
 
 
-def test_layers_import_those_before_them_only() -> None:
+def test_layers_import_only_earlier_layers() -> None:
     wrong = [
         f"{path.relative_to(ADDON)} imports {other or 'blender_addon by its absolute name'}"
         for path in ADDON.rglob("*.py")
@@ -65,7 +65,7 @@ def test_layers_import_those_before_them_only() -> None:
     assert not wrong
 
 
-def test_the_order_is_that_of_the_document() -> None:
+def test_layer_order_matches_the_document() -> None:
     text = (ADDON.parent / "ARCHITECTURE.md").read_text(encoding="utf-8")
     places = [text.index(f"| `blender_addon/{name}") for name in LAYERS]
     assert places == sorted(places)

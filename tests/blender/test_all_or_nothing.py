@@ -131,7 +131,7 @@ class FailAt:
         return self._of_line
 
 
-def fails_nowhere_halfway(work, least, every=1):
+def assert_atomic(work, least, every=1):
     """Check that work is complete or has no effect wherever it fails, and that it can fail in a minimum of places.
 
     It fails at every line in turn, or at every few lines if the work takes longer.
@@ -153,7 +153,7 @@ def fails_nowhere_halfway(work, least, every=1):
     assert state() != before
 
 
-def cancels_anywhere(coroutine):
+def run_and_assert_cancellable(coroutine):
     """Check that a coroutine has no visible effect before it returns, so that it can be cancelled anywhere."""
     job, before = jobs.Job(coroutine), state()
     for _ in turns(job):
@@ -203,10 +203,10 @@ def rich():
     return source, target
 
 
-def test_a_transfer(rich):
+def test_failed_or_cancelled_transfer_restores_everything(rich):
     _, target = rich
-    write = cancels_anywhere(prepare_transfer(bpy.context, "Source", "Target", DATA, **NEAREST))
-    fails_nowhere_halfway(write, 100)
+    write = run_and_assert_cancellable(prepare_transfer(bpy.context, "Source", "Target", DATA, **NEAREST))
+    assert_atomic(write, 100)
     assert target.data.name == "Target"
     assert (
         bpy.data.objects["User"].animation_data.drivers[0].driver.variables[0].targets[0].id == target.data.shape_keys
@@ -214,7 +214,7 @@ def test_a_transfer(rich):
 
 
 @pytest.mark.slow
-def test_binding_to_a_rig_with_what_is_worn():
+def test_failed_binding_with_worn_objects_restores_everything():
     source, armature = source_and_rig()
     target, _ = pose_target(source, armature)
     child = link("Child", None)
@@ -229,22 +229,22 @@ def test_binding_to_a_rig_with_what_is_worn():
     api.dress(bpy.context, source, target, [hat])
     binding = api.Binding(replace=True)
     prepared = prepare_transfer(bpy.context, "Source", "Target", (), binding=binding)
-    fails_nowhere_halfway(jobs.run(prepared), 100)
+    assert_atomic(jobs.run(prepared), 100)
     assert target.parent == armature
 
 
 @pytest.mark.parametrize("result", ["shape_key", "mesh", "object"])
-def test_wrapping(result):
+def test_failed_or_cancelled_wrapping_restores_everything(result):
     ellipsoid("Source", 3)
     target = ellipsoid("Target", 3)
     target.data.transform(Matrix.Scale(1.1, 4))
     bpy.context.view_layer.update()
     prepared = prepare_wrap(bpy.context, "Source", "Target", Wrapping(result=result), **NEAREST)
-    fails_nowhere_halfway(cancels_anywhere(prepared), 40)
+    assert_atomic(run_and_assert_cancellable(prepared), 40)
 
 
 @pytest.mark.slow
-def test_dressing_anew():
+def test_failed_or_cancelled_dressing_restores_everything():
     ellipsoid("Source", 3), ellipsoid("Target", 3)
     hats = [ellipsoid(name, 1) for name in ("Hat", "Cap")]
     for hat in hats:
@@ -254,15 +254,15 @@ def test_dressing_anew():
     def prepared():
         return prepare_dress(bpy.context, "Source", "Target", ("Hat", "Cap"), Dressing(), **NEAREST)
 
-    fails_nowhere_halfway(cancels_anywhere(prepared()), 30)
+    assert_atomic(run_and_assert_cancellable(prepared()), 30)
     names = sorted(bpy.data.objects.keys()), sorted(bpy.data.meshes.keys())
     bpy.data.objects["Hat on Target"].location.x = 7  # so that a new copy differs
     bpy.context.view_layer.update()
-    fails_nowhere_halfway(cancels_anywhere(prepared()), 30)
+    assert_atomic(run_and_assert_cancellable(prepared()), 30)
     assert names == (sorted(bpy.data.objects.keys()), sorted(bpy.data.meshes.keys()))
 
 
-def test_symmetry(body):
+def test_failed_symmetry_operation_restores_everything(body):
     count = len(body.data.vertices)
     add_uv_map(body.data, "UV")
     add_attribute(body.data, "Number", "FLOAT", "POINT", np.arange(count))
@@ -275,25 +275,25 @@ def test_symmetry(body):
         (lambda: symmetrise_weights_async(bpy.context, "Creature", "left_to_right"), 12),
         (lambda: mirror_shape_key_async(bpy.context, "Creature", "Smile", "split", "left_to_right", 0.05), 20),
     ):
-        fails_nowhere_halfway(lambda work=work: jobs.run(work()), least, every=2)
-    fails_nowhere_halfway(
+        assert_atomic(lambda work=work: jobs.run(work()), least, every=2)
+    assert_atomic(
         lambda: jobs.run(
             mirror_attributes_async(bpy.context, "Creature", ("attributes", "edges"), "left_to_right", "own")
         ),
         12,
     )
-    fails_nowhere_halfway(lambda: name_sides(body, 0.01), 8)
+    assert_atomic(lambda: name_sides(body, 0.01), 8)
 
 
 @pytest.mark.slow
-def test_a_mirrored_sculpt(body):
+def test_failed_sculpt_mirroring_restores_everything(body):
     moved = positions(body.data) + bumps(LEFT * 1.0)
     body.data.vertices.foreach_set("co", moved.ravel().astype(np.float32))
     body.data.update()
-    fails_nowhere_halfway(lambda: jobs.run(mirror_sculpt_async(bpy.context, "Creature", "left_to_right")), 8)
+    assert_atomic(lambda: jobs.run(mirror_sculpt_async(bpy.context, "Creature", "left_to_right")), 8)
 
 
-def test_cutting_and_bending():
+def test_failed_cut_or_bend_restores_everything():
     source, target = ellipsoid("Source", 3), decimate(subdivisions=3)
     add_uv_map(source.data, "UV")
     layer = source.data.uv_layers["UV"].data
@@ -306,11 +306,11 @@ def test_cutting_and_bending():
     nearer = next(vertex for edge in target.data.edges for vertex in edge.vertices if near in edge.vertices)
     for obj, vertex in ((source, 10), (target, nearer)):
         set_landmark(bpy.context.scene, obj, surface_point_of_vertex(obj, vertex, depsgraph), 1)
-    fails_nowhere_halfway(lambda: jobs.run(bend_match_async(bpy.context, "Target")), 15, every=7)
-    fails_nowhere_halfway(lambda: jobs.run(cut_seams_async(bpy.context, "Source", "Target")), 15, every=7)
+    assert_atomic(lambda: jobs.run(bend_match_async(bpy.context, "Target")), 15, every=7)
+    assert_atomic(lambda: jobs.run(cut_seams_async(bpy.context, "Source", "Target")), 15, every=7)
 
 
-def test_a_fault_at_one_of_several_targets_leaves_all_of_them_but_an_error_of_one_is_its_own(source, target):
+def test_errors_concern_one_target_but_faults_undo_all(source, target):
     second, third = ellipsoid("Second", 3), ellipsoid("Third", 3)
     for obj in (target, second, third):
         keep_true_match(obj)
@@ -339,7 +339,7 @@ def test_a_fault_at_one_of_several_targets_leaves_all_of_them_but_an_error_of_on
     assert target.vertex_groups.keys() == third.vertex_groups.keys() == ["Group"]
 
 
-def test_nothing_is_left_of_what_went_well(rich):
+def test_success_leaves_no_backup_data(rich):
     _, target = rich
     before = {kind: len(getattr(bpy.data, kind)) for kind in room.ADDED_TO}
     with room.all_or_nothing(target):

@@ -42,13 +42,13 @@ def test_the_example_runs(objects):
     assert doctest.DocTestRunner().run(example).failed == 0
 
 
-def test_a_vertex_that_is_none_is_one_sentence(objects):
+def test_missing_vertex_is_refused_in_one_sentence(objects):
     for vertex in (-1, 642):
         with pytest.raises(zo.MeshError, match=f"'Hero' is not a mesh with a vertex {vertex}"):
             api.set_landmark(bpy.context, objects[0], 1, vertex)
 
 
-def test_an_option_that_no_match_has_is_none_of_a_stored_match_either(objects):
+def test_unknown_option_is_refused_for_stored_matches(objects):
     api.match_objects(bpy.context, *objects, initial="same_order")
     with pytest.raises(TypeError, match="no option called without_partner"):
         api.transfer_objects(bpy.context, *objects, data=["uv_maps"], without_partner="keep")
@@ -57,6 +57,6 @@ def test_an_option_that_no_match_has_is_none_of_a_stored_match_either(objects):
     assert report["written"]["uv_maps"] == ["UVMap"]
 
 
-def test_every_name_is_explained():
+def test_every_public_name_is_documented():
     for name in api.__all__:
         assert getattr(api, name).__doc__ or name.isupper()

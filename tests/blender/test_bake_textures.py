@@ -75,7 +75,7 @@ def target(source):
     return obj
 
 
-def test_images_show_the_same_places_and_materials_use_them(source, target):
+def test_baked_images_show_the_same_places_in_the_atlas(source, target):
     report = api.bake_textures(bpy.context, target, api.Baking(size=64))
     assert report["images"] == {
         "Base Color": "Target Base Color",
@@ -109,7 +109,7 @@ def test_baking_again_replaces_images_and_materials(source, target):
     assert not [name for name in (*bpy.data.images.keys(), *bpy.data.materials.keys()) if "before" in name]
 
 
-def test_tiles_of_source_and_target_are_kept_apart(source, target, tmp_path):
+def test_udim_tiles_are_baked_separately(source, target, tmp_path):
     """The source's left half is in a second tile, and the target's atlas has two tiles as well."""
     for obj, name in ((source, "UVMap"), (target, "Atlas")):
         layer = obj.data.uv_layers[name].uv
@@ -138,7 +138,7 @@ def test_tiles_of_source_and_target_are_kept_apart(source, target, tmp_path):
         np.testing.assert_allclose(255 * pixels(saved)[rows, 14:18, 0], level, atol=1)
 
 
-def test_what_cannot_be_baked_is_said_and_changes_nothing(source, target):
+def test_impossible_bake_is_reported_and_changes_nothing(source, target):
     node = next(node for node in source.data.materials[0].node_tree.nodes if node.type == "TEX_IMAGE")
     tree = node.id_data
     tree.links.new(tree.nodes.new("ShaderNodeTexCoord").outputs["Generated"], node.inputs["Vector"])
@@ -158,7 +158,7 @@ def test_what_cannot_be_baked_is_said_and_changes_nothing(source, target):
         api.bake_textures(bpy.context, target, api.Baking(save=True))
 
 
-def test_the_operator_bakes_in_one_step(source, target):
+def test_operator_bakes_textures(source, target):
     assert bpy.ops.zoomout.bake_textures(bake_size=16) == {"FINISHED"}
     assert bpy.data.images["Target Base Color"].size[:] == (16, 16)
 

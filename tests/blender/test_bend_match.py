@@ -33,7 +33,7 @@ def marked(source, target):
     return target
 
 
-def test_the_match_meets_the_landmark_and_stays_far_from_it(source, marked):
+def test_bent_match_meets_the_landmark_and_stays_elsewhere(source, marked):
     before, triangle = images(marked), values(marked.data, "zoomout_triangle").copy()
     found = landmark_pairs(bpy.context, source, marked)
     assert bpy.ops.zoomout.bend_match() == {"FINISHED"}
@@ -47,7 +47,7 @@ def test_the_match_meets_the_landmark_and_stays_far_from_it(source, marked):
     assert stored_match.description(marked.data)["notes"] == ["Bent to 1 landmark."]
 
 
-def test_nothing_is_turned_over_and_the_match_goes_by_the_landmarks_then(source, marked):
+def test_bending_flips_nothing_and_updates_the_match(source, marked):
     pair = jobs.run(read_pair(bpy.context, "Source", "Target"))
     stored_match.write(marked.data, stored_match.read(marked.data, pair), pair, {stored_match.LANDMARKS: "other"})
     assert find_outdated(bpy.context, marked)
@@ -60,7 +60,7 @@ def test_nothing_is_turned_over_and_the_match_goes_by_the_landmarks_then(source,
     assert bent.notes == ("Bent to 1 landmark.",)
 
 
-def test_a_far_landmark_is_met_by_a_wide_bend_that_turns_nothing_over(source, target):
+def test_distant_landmark_is_met_without_flipping(source, target):
     keep_true_match(target)
     add(source, 1, -0.55, 0.45, 0.3)
     add(target, 1, -0.2, 0.6, 0.3)
@@ -70,7 +70,7 @@ def test_a_far_landmark_is_met_by_a_wide_bend_that_turns_nothing_over(source, ta
     assert zo.evaluation.flipped_share(bent, pair.source, pair.target) == 0
 
 
-def test_without_a_landmark_on_both_or_far_from_one_nothing_is_changed(source, target):
+def test_bending_without_a_usable_landmark_changes_nothing(source, target):
     keep_true_match(target)
     before = values(target.data, "zoomout_triangle").copy()
     add(target, 1, *HERE)

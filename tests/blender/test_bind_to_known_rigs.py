@@ -29,7 +29,7 @@ def share_off(source, target):
     return np.linalg.norm(points - nearest, axis=1) / np.ptp(places, axis=0).max()
 
 
-def test_a_rig_in_centimetres_whose_bones_have_a_prefix_poses_the_target():
+def test_mixamo_rig_in_centimetres_poses_the_target():
     place = Matrix.LocRotScale((0, 0, 0), Euler((radians(90), 0, 0)), (0.01, 0.01, 0.01))
     source, armature = source_and_rig(None, place)
     target, _ = pose_target(source, armature)
@@ -105,7 +105,7 @@ def test_a_rig_of_rigify_poses_the_target_by_its_controls(rigify_rig):
 
 
 @pytest.mark.slow
-def test_a_rig_of_rigify_moves_into_another_build(rigify_rig):
+def test_rigify_rig_moves_to_another_build(rigify_rig):
     rig, plan = rigify_rig
     source = body_around(plan)
     activate(rig, source)

@@ -91,7 +91,7 @@ def test_bones_pose_the_target_at_once(place):
     assert target.matrix_world.is_negative == (stood is None)
 
 
-def test_it_has_the_modifier_and_the_place_of_the_source():
+def test_target_gets_modifier_and_transform_of_source():
     source, armature = source_and_rig(shear(), PLACES["anywhere"][1])
     modifier = source.modifiers["Skeleton"]
     set_weights(source, "Mask", np.zeros(len(source.data.vertices)))
@@ -108,7 +108,7 @@ def test_it_has_the_modifier_and_the_place_of_the_source():
     np.testing.assert_allclose(np.array(target.matrix_world), np.array(source.matrix_world), atol=1e-5)
 
 
-def test_the_armature_stands_where_the_source_has_it_among_modifiers():
+def test_armature_keeps_its_place_among_modifiers():
     source, armature = source_and_rig()
     source.modifiers.new("Smooth", "SMOOTH").factor = 0
     source.modifiers.move(1, 0)
@@ -120,7 +120,7 @@ def test_the_armature_stands_where_the_source_has_it_among_modifiers():
     assert np.median(off(target, armature, at_rest)) < 2e-3
 
 
-def test_volume_is_preserved_where_the_source_preserves_it():
+def test_preserve_volume_is_copied_from_source():
     source, armature = source_and_rig()
     source.modifiers["Skeleton"].use_deform_preserve_volume = True
     pose = {"Middle": (0, 0, 1.3)}
@@ -138,7 +138,7 @@ def test_volume_is_preserved_where_the_source_preserves_it():
     assert target.modifiers["Skeleton"].use_deform_preserve_volume
 
 
-def test_the_rig_may_stand_in_a_pose_meanwhile():
+def test_rig_may_be_posed_while_binding():
     source, armature = source_and_rig()
     target, at_rest = pose_target(source, armature)
     set_pose(armature, OTHER)
@@ -162,7 +162,7 @@ def test_a_target_at_rest_keeps_its_shape():
         assert np.median(off(target, armature, at_rest)) < 2e-3
 
 
-def test_what_is_said_of_the_shape_counts():
+def test_chosen_shape_option_is_respected():
     source, armature = fine_source_and_rig()
     target, at_rest = fine_pose_target(source, armature, {"Middle": (0.4, 0, 0)})
     stood = visible_positions(target)
@@ -180,7 +180,7 @@ def test_what_is_said_of_the_shape_counts():
     assert np.median(off(bent, armature, at_rest, {})) < 1e-3
 
 
-def test_shape_keys_of_the_target_turn_with_it():
+def test_target_shape_keys_rotate_to_the_rest_pose():
     source, armature = source_and_rig()
     target, at_rest = pose_target(source, armature)
     target.shape_key_add(name="Basis")
@@ -203,7 +203,7 @@ def test_shape_keys_of_the_target_turn_with_it():
     assert not target.data.shape_keys.key_blocks["Posed Shape"].value
 
 
-def test_several_rigs_are_all_taken():
+def test_binding_uses_all_armatures_of_source():
     source, armature = source_and_rig()
     face = rig("Face", ("Tip",))
     source.modifiers.new("Face", "ARMATURE").object = face
@@ -215,7 +215,7 @@ def test_several_rigs_are_all_taken():
     assert np.median(off(target, armature, at_rest)) < 2e-3
 
 
-def test_a_source_that_its_parent_deforms_is_as_good():
+def test_source_with_armature_parent_binds_like_a_modifier():
     source, armature = source_and_rig()
     source.modifiers.clear()
     source.parent_type = "ARMATURE"
@@ -235,7 +235,7 @@ def test_a_source_with_a_subdivision_is_read_at_rest():
     assert np.median(off(target, armature, at_rest)) < 0.015
 
 
-def test_a_target_that_lies_on_two_objects_is_bound_as_by_both():
+def test_target_on_two_objects_is_bound_like_both():
     source, armature = source_and_rig()
     target, at_rest = pose_target(source, armature)
     triangles = np.array([list(p.vertices) for p in source.data.polygons if len(p.vertices) == 4])
@@ -263,7 +263,7 @@ def test_a_target_that_lies_on_two_objects_is_bound_as_by_both():
     assert np.median(off(target, armature, at_rest)) < 3e-3
 
 
-def test_children_stay_where_they_are_and_what_hangs_from_bones_is_left_alone():
+def test_children_stay_in_place_and_bone_children_are_unchanged():
     source, armature = source_and_rig()
     target, _ = pose_target(source, armature)
     child, hat = (bpy.data.objects.new(name, None) for name in ("Child", "Hat"))
@@ -279,7 +279,7 @@ def test_children_stay_where_they_are_and_what_hangs_from_bones_is_left_alone():
     assert (hat.parent_type, hat.parent_bone) == ("BONE", "Upper")
 
 
-def test_the_match_still_holds_afterwards():
+def test_match_is_valid_after_binding():
     source, armature = source_and_rig()
     target, _ = pose_target(source, armature)
     bind(source, target)
@@ -306,7 +306,7 @@ def test_vertices_whose_weights_are_filled_in_are_counted_once():
     assert len([note for note in notes if "usable match" in note]) == 1
 
 
-def test_a_locked_group_of_a_bone_counts_as_it_is():
+def test_locked_bone_group_is_used_unchanged():
     source, armature = source_and_rig()
     target, at_rest = pose_target(source, armature)
     set_weights(target, "Upper", np.clip(at_rest[:, 2] - 3.5, 0, 1)).lock_weight = True
@@ -314,7 +314,7 @@ def test_a_locked_group_of_a_bone_counts_as_it_is():
     assert np.median(off(target, armature, at_rest)) < 5e-3
 
 
-def test_a_transfer_binds_where_it_is_asked_to():
+def test_transfer_binds_on_request():
     source, armature = source_and_rig()
     target, at_rest = pose_target(source, armature)
     stood = visible_positions(target)
@@ -339,7 +339,7 @@ def test_the_operator_binds_several_targets_in_one_step():
         assert np.median(off(target, armature, at_rest)) < 2e-3
 
 
-def test_it_is_matched_first_where_it_is_not():
+def test_unmatched_target_is_matched_before_binding():
     source, armature = source_and_rig()
     target, _ = pose_target(source, armature)
     del target.data[stored_match.PROPERTY]
@@ -348,7 +348,7 @@ def test_it_is_matched_first_where_it_is_not():
     assert target.parent is None
 
 
-def test_a_bound_target_is_bound_anew_on_demand():
+def test_bound_target_is_rebound_only_on_request():
     source, armature = source_and_rig()
     other = rig("Other")
     target, at_rest = pose_target(source, armature)
@@ -363,7 +363,7 @@ def test_a_bound_target_is_bound_anew_on_demand():
     assert np.median(off(target, armature, at_rest)) < 2e-3
 
 
-def test_a_target_that_another_armature_has_posed_is_taken_as_it_is_seen():
+def test_target_posed_by_another_armature_is_bound_as_seen():
     source, armature = source_and_rig()
     target, at_rest = pose_target(source, armature, {})
     bind(source, target)
@@ -419,7 +419,7 @@ def _flat(source, target, armature):
         (_flat, "'Source' has a scale of zero"),
     ],
 )
-def test_what_cannot_be_bound_is_refused_in_a_sentence_and_stays_as_it_is(change, sentence):
+def test_impossible_binding_is_refused_and_changes_nothing(change, sentence):
     source, armature = source_and_rig()
     target, _ = pose_target(source, armature)
     change(source, target, armature)
@@ -431,7 +431,7 @@ def test_what_cannot_be_bound_is_refused_in_a_sentence_and_stays_as_it_is(change
     np.testing.assert_array_equal(visible_positions(target), stood)
 
 
-def test_weights_must_arrive_under_their_own_names():
+def test_binding_requires_weights_under_bone_names():
     source, armature = source_and_rig()
     target, _ = pose_target(source, armature)
     with pytest.raises(zo.MeshError, match="Flip Group Names cannot be used"):
@@ -499,7 +499,7 @@ def test_a_subdivision_of_the_target_comes_behind_the_armature():
     assert np.median(off(target, armature, at_rest)) < 2e-3
 
 
-def test_undo_takes_back_all_of_it():
+def test_undo_reverts_binding_completely():
     source, armature = source_and_rig()
     target, _ = pose_target(source, armature)
     activate(target, source)
@@ -527,8 +527,8 @@ def wrong_at(target, at_rest, reach):
     return patch
 
 
-def test_weights_that_would_tear_the_mesh_are_smoothed_before_they_are_written(monkeypatch):
-    monkeypatch.setattr(weights, "MIN_ISLAND", np.inf)  # else the patch is filled in before
+def test_tearing_weights_are_smoothed_before_writing(monkeypatch):
+    monkeypatch.setattr(weights, "MIN_ISLAND", np.inf)  # otherwise the patch is filled in before
     source, armature = source_and_rig()
     target, at_rest = pose_target(source, armature, {})
     patch = wrong_at(target, at_rest, 0.4)
@@ -552,7 +552,7 @@ def animate(armature, **places):
 
 
 @pytest.mark.parametrize("animated", [False, True])
-def test_weights_that_would_tear_the_mesh_in_an_animation_are_smoothed(monkeypatch, animated):
+def test_weights_tearing_in_an_animation_are_smoothed(monkeypatch, animated):
     monkeypatch.setattr(poses, "POSES", poses.PoseTuning(angle=0))  # only the animation moves bones
     monkeypatch.setattr(weights, "MIN_ISLAND", np.inf)
     source, armature = source_and_rig()
@@ -564,7 +564,7 @@ def test_weights_that_would_tear_the_mesh_in_an_animation_are_smoothed(monkeypat
     assert any("were smoothed" in note for note in report["notes"]) == animated
 
 
-def test_reading_an_animation_changes_nothing_and_includes_constraints_and_strips():
+def test_read_animation_changes_nothing_and_includes_constraints():
     source, armature = source_and_rig()
     assert mesh_data.read_animation(source).shape == (0, 3, 3, 4)
     follow = armature.pose.bones["Upper"].constraints.new("COPY_LOCATION")
@@ -586,7 +586,7 @@ def test_reading_an_animation_changes_nothing_and_includes_constraints_and_strip
     assert len(mesh_data.read_animation(source)) == 11
 
 
-def test_what_stretches_still_is_reported_and_selected(monkeypatch):
+def test_remaining_stretched_vertices_are_reported_and_selected(monkeypatch):
     monkeypatch.setattr(stretch, "STRETCH", stretch.StretchTuning(rounds=0))
     monkeypatch.setattr(weights, "MIN_ISLAND", np.inf)
     source, armature = source_and_rig()
@@ -602,7 +602,7 @@ def test_what_stretches_still_is_reported_and_selected(monkeypatch):
     assert not chosen[at_rest[:, 2] > 3].any()
 
 
-def test_what_stretches_is_shown_by_colors_and_follows_undo(monkeypatch):
+def test_stretched_vertices_are_coloured_and_follow_undo(monkeypatch):
     monkeypatch.setattr(stretch, "STRETCH", stretch.StretchTuning(rounds=0))
     monkeypatch.setattr(weights, "MIN_ISLAND", np.inf)
     source, armature = source_and_rig()
@@ -633,7 +633,7 @@ def test_the_source_is_hidden_after_binding_if_that_is_chosen(hidden):
 
 
 @pytest.mark.parametrize("hidden", [True, False])
-def test_scripts_and_the_command_line_hide_the_source_like_the_button(hidden):
+def test_api_and_command_line_hide_the_source_if_chosen(hidden):
     source, armature = source_and_rig()
     target, _ = pose_target(source, armature)
     second, _ = pose_target(source, armature, name="Second")
@@ -646,7 +646,7 @@ def test_scripts_and_the_command_line_hide_the_source_like_the_button(hidden):
     assert source.hide_get() == hidden
 
 
-def test_stretched_vertices_of_a_mesh_that_was_not_bound_cannot_be_selected(source, target):
+def test_selecting_stretched_vertices_requires_a_binding(source, target):
     activate(target)
     assert not bpy.ops.zoomout.select_stretched.poll()
     with pytest.raises(zo.MeshError, match="was not bound yet"):
@@ -664,7 +664,7 @@ def test_a_target_that_is_animated_by_itself_is_refused(path):
     assert snapshot(target) == before
 
 
-def test_an_animation_that_does_not_move_a_target_is_no_obstacle():
+def test_unrelated_animation_does_not_prevent_binding():
     source, armature = source_and_rig()
     target, _ = pose_target(source, armature)
     target.keyframe_insert("hide_render", frame=1)

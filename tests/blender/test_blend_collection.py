@@ -89,7 +89,7 @@ def check(target, true):
     assert np.median(stands) < 0.04
 
 
-def test_a_scan_of_two_objects_receives_all(run):
+def test_scan_of_two_objects_receives_all_data(run):
     assert run.status == 0, run.said
     bpy.ops.wm.open_mainfile(filepath=str(run.output / "meshes" / "scan.blend"))
     assert set(bpy.data.objects.keys()) == {"Target", "Eyeball", "Rig"}
@@ -108,7 +108,7 @@ def test_the_report_names_what_could_not_be_bound(run):
     assert any("'Eyeball' was not bound" in note for note in report["transferred"]["scan"])
 
 
-def test_once_more_blender_is_not_started(run, monkeypatch):
+def test_second_run_does_not_start_blender(run, monkeypatch):
     before = {path: path.stat().st_mtime_ns for path in (run.output / "meshes").iterdir()}
     monkeypatch.setattr(blender_files.subprocess, "Popen", None)
     done = collection(run.folder, run.output)

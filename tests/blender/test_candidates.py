@@ -45,7 +45,7 @@ def error(target, truth):
     return np.linalg.norm(images[: len(wanted)] - wanted, axis=1).mean()  # a cut adds vertices at the end
 
 
-def test_one_click_swaps_the_sides_and_another_swaps_them_back(source, target):
+def test_swapping_sides_is_reversible(source, target):
     assert bpy.ops.zoomout.match(k_final=60) == {"FINISHED"}
     listing = stored_candidates.read(target.data)
     assert listing.chosen == 0
@@ -61,7 +61,7 @@ def test_one_click_swaps_the_sides_and_another_swaps_them_back(source, target):
 
 
 @pytest.mark.slow
-def test_candidates_are_gone_through_in_their_order_and_named_by_their_numbers(source, target):
+def test_candidates_are_cycled_in_order_and_numbered(source, target):
     match_objects(bpy.context, source, target, k_final=60)
     count = len(stored_candidates.read(target.data).candidates)
     seen = []
@@ -78,7 +78,7 @@ def test_candidates_are_gone_through_in_their_order_and_named_by_their_numbers(s
 
 
 @pytest.mark.slow
-def test_what_is_hardly_likely_is_not_listed_but_for_the_first_and_for_swapped_sides(source, target):
+def test_unlikely_candidates_are_hidden_except_first_and_mirrored(source, target):
     result, pair = (
         match_objects(bpy.context, source, target, k_final=60),
         jobs.run(read_pair(bpy.context, "Source", "Target")),
@@ -103,7 +103,7 @@ def test_what_is_hardly_likely_is_not_listed_but_for_the_first_and_for_swapped_s
     assert candidates.side_swapped_candidate(unlikely) == 1
 
 
-def test_what_was_worked_out_before_is_there_at_once(source, target, monkeypatch):
+def test_computed_candidates_are_reused(source, target, monkeypatch):
     match_objects(bpy.context, source, target, k_final=60)
     first = target.data[stored_match.PROPERTY], values(target.data, "zoomout_triangle").tolist()
     use_candidate(bpy.context, target, 1)
@@ -112,7 +112,7 @@ def test_what_was_worked_out_before_is_there_at_once(source, target, monkeypatch
     assert values(target.data, "zoomout_triangle").tolist() == first[1]
 
 
-def test_a_file_that_is_opened_again_still_offers_the_other_side(source, target, tmp_path):
+def test_reopened_file_still_offers_swapped_sides(source, target, tmp_path):
     match_objects(bpy.context, source, target, k_final=60)
     listed = stored_candidates.read(target.data)
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "kept.blend"))
@@ -137,7 +137,7 @@ def match_and_cut(source, target):
     return listing
 
 
-def test_a_cut_along_seams_keeps_the_list_but_not_results_without_the_new_vertices(source, target):
+def test_cutting_seams_keeps_the_list_but_not_cached_results(source, target):
     before = match_and_cut(source, target)
     after = stored_candidates.read(target.data)
     assert candidates.is_cached(before)
@@ -147,14 +147,14 @@ def test_a_cut_along_seams_keeps_the_list_but_not_results_without_the_new_vertic
 
 
 @pytest.mark.slow
-def test_after_a_cut_along_seams_one_click_still_swaps_the_sides(source, target):
+def test_sides_can_be_swapped_after_cutting_seams(source, target):
     match_and_cut(source, target)
     assert bpy.ops.zoomout.swap_match_sides() == {"FINISHED"}
     assert error(target, mirrored_vertex) < 0.1
 
 
 @pytest.mark.slow
-def test_a_match_without_others_has_no_list(source, target):
+def test_match_without_alternatives_has_no_list(source, target):
     match_objects(bpy.context, source, target, k_final=60)
     match_objects(bpy.context, source, target, initial="proximity", k_final=60)
     assert stored_candidates.read(target.data) is None
@@ -168,7 +168,7 @@ def test_a_transfer_that_matches_first_lists_candidates_too(source, target):
     assert len(stored_candidates.read(target.data).candidates) > 1
 
 
-def test_after_an_edit_no_other_candidate_is_put_in_place(source, target):
+def test_edited_target_refuses_another_candidate(source, target):
     match_objects(bpy.context, source, target, k_final=60)
     target.data.vertices[3].co.x += 0.1
     bpy.context.view_layer.update()
@@ -190,7 +190,7 @@ def test_results_of_the_last_matches_only_are_cached(source, target):
     assert len(candidates._cache) <= candidates.MAX_CACHED
 
 
-def test_pictures_tell_the_sides_apart(source, target):
+def test_thumbnails_distinguish_the_sides(source, target):
     match_objects(bpy.context, source, target, k_final=60)
     listing = stored_candidates.read(target.data)
     pictures = [
@@ -200,6 +200,6 @@ def test_pictures_tell_the_sides_apart(source, target):
     shape = pictures[0][..., 3] > 0
     assert 0.05 < shape.mean() < 0.6
     np.testing.assert_array_equal(shape, pictures[1][..., 3] > 0)
-    assert np.abs(pictures[0] - pictures[1])[shape, 0].mean() > 0.2  # red tells across
+    assert np.abs(pictures[0] - pictures[1])[shape, 0].mean() > 0.2  # red varies across
     assert np.abs(pictures[0] - pictures[1])[shape, 2].mean() < 0.1  # and blue up
     assert all(picture.min() >= 0 and picture.max() <= 1 for picture in pictures)

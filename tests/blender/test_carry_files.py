@@ -44,7 +44,7 @@ def check_body(body, at_rest):
     assert set(body.vertex_groups.keys()) == set(BONES)
 
 
-def test_from_file_to_file_all_arrives_and_nothing_else(files, tmp_path):
+def test_carry_transfers_everything_between_files(files, tmp_path):
     hero, scan, map_file, at_rest = files
     out, path = tmp_path / "out.blend", tmp_path / "report.json"
     assert carry(hero, scan, map_file, out, "--bind", "--report", path) == 0
@@ -72,7 +72,7 @@ def test_from_file_to_file_all_arrives_and_nothing_else(files, tmp_path):
     assert [note for note in targets["Eyeball"]["notes"] if "not bound" in note]
 
 
-def test_without_a_rig_to_be_bound_to_nothing_of_it_stays(files, tmp_path):
+def test_carry_without_binding_adds_no_rig(files, tmp_path):
     hero, scan, map_file, at_rest = files
     before = scan.read_bytes()
     out = tmp_path / "out.blend"
@@ -126,7 +126,7 @@ def two_files(tmp_path):
     return tmp_path / "one.blend", tmp_path / "other.blend"
 
 
-def test_a_match_that_is_probably_wrong_is_refused_unless_forced(tmp_path, monkeypatch, capsys):
+def test_probably_wrong_match_requires_force(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(zo.MatchResult, "verdict", judge(0.1))
     arguments = "carry", *two_files(tmp_path), "--detail", "fast", "--save", tmp_path / "out.blend"
     assert run(*arguments) == 1
@@ -143,7 +143,7 @@ def test_files_are_matched_where_there_is_no_map(tmp_path):
     assert weight_array(bpy.data.objects["other"], "All").min() > 0.99
 
 
-def test_a_surface_is_what_is_shown_in_the_world_in_triangles_as_blender_has_them(tmp_path):
+def test_exported_surface_has_blenders_world_space_triangles(tmp_path):
     plate = bpy.data.meshes.new("Plate")
     plate.from_pydata([(0, 0, 0), (2, 0, 0), (2, 2, 0), (1, 0.2, 0), (0, 2, 0)], [], [(0, 1, 2, 3, 4)])
     obj = link("Plate", plate)
@@ -166,7 +166,7 @@ def test_a_surface_is_what_is_shown_in_the_world_in_triangles_as_blender_has_the
     assert len(read_surface(tmp_path / "seen.ply").vertices) == 11
 
 
-def test_what_is_shown_is_what_the_file_was_left_with(tmp_path):
+def test_surface_contains_objects_visible_in_the_saved_file(tmp_path):
     ellipsoid("Elsewhere", 2)
     window = bpy.context.window
     window.scene = bpy.data.scenes.new("Other")
@@ -188,7 +188,7 @@ def test_a_file_that_was_left_in_edit_mode_is_read(tmp_path):
     assert run("surface", tmp_path / "edited.blend", "--save", tmp_path / "out.ply") == 0
 
 
-def test_what_cannot_be_opened_or_shows_nothing_is_one_sentence(tmp_path, capsys):
+def test_unreadable_or_empty_files_give_one_sentence(tmp_path, capsys):
     empty, broken, other = (tmp_path / name for name in ("empty.blend", "broken.blend", "note.txt"))
     bpy.ops.wm.save_as_mainfile(filepath=str(empty), copy=True)
     broken.write_bytes(b"BLENDER-v500" + bytes(100))
@@ -224,7 +224,7 @@ def test_a_map_of_other_surfaces_is_refused_and_nothing_is_written(files, tmp_pa
     assert not out.exists()
 
 
-def test_nothing_that_is_read_is_written_over(files, tmp_path, capsys):
+def test_inputs_are_not_overwritten(files, tmp_path, capsys):
     hero, scan, map_file, _ = files
     picture = tmp_path / "skin.png"
     bpy.ops.wm.open_mainfile(filepath=str(scan))
@@ -248,7 +248,7 @@ def test_nothing_that_is_read_is_written_over(files, tmp_path, capsys):
 
 
 @pytest.mark.filterwarnings("ignore:load")
-def test_what_is_only_linked_into_the_source_is_a_sentence(tmp_path, capsys):
+def test_linked_source_is_refused_in_a_sentence(tmp_path, capsys):
     library, hero, scan = (tmp_path / name for name in ("library.blend", "hero.blend", "scan.blend"))
     ellipsoid("Linked", 4)
     for path in (library, scan):
@@ -262,7 +262,7 @@ def test_what_is_only_linked_into_the_source_is_a_sentence(tmp_path, capsys):
     assert "'Linked' is linked into its file from another file" in capsys.readouterr().err
 
 
-def test_any_command_exports_by_the_ending(tmp_path):
+def test_output_format_follows_the_file_extension(tmp_path):
     source, target = ellipsoid("Source", 4), ellipsoid("Target", 4)
     bpy.context.view_layer.update()
     assert source.data != target.data

@@ -25,7 +25,7 @@ def mark(*objects):
         api.set_landmark(bpy.context, obj, number, number)
 
 
-def test_all_that_is_kept_goes_and_nothing_else(source, target):
+def test_clearing_removes_only_stored_data(source, target):
     add_uv_map(source.data, "UVMap")
     match_objects(bpy.context, source, target, k_final=30)
     transfer_objects(bpy.context, source, target, ("uv_maps",))
@@ -46,13 +46,13 @@ def test_all_that_is_kept_goes_and_nothing_else(source, target):
     assert preview.current() is None
 
 
-def test_a_symmetry_goes(body):
+def test_clearing_removes_a_symmetry(body):
     assert bpy.ops.zoomout.clear_match_data() == {"FINISHED"}
     assert stored_symmetry.description(body.data) is None
     assert not any("zoomout" in attribute.name for attribute in body.data.attributes)
 
 
-def test_other_objects_keep_theirs_and_so_does_what_is_shown_of_them(source, target):
+def test_clearing_keeps_data_of_other_objects(source, target):
     keep_true_match(target)
     other = ellipsoid("Other", 3)
     mark(source, target, other)
@@ -63,7 +63,7 @@ def test_other_objects_keep_theirs_and_so_does_what_is_shown_of_them(source, tar
     assert preview.current() is not None
 
 
-def test_a_part_of_a_match_that_is_left_over_goes(source, target):
+def test_clearing_removes_remains_of_a_match(source, target):
     keep_true_match(target)
     target.data.attributes.remove(target.data.attributes["zoomout_confidence"])
     assert clear_match_data(bpy.context, [target, source]) == "Cleared 1 mesh and 0 landmarks"
@@ -71,7 +71,7 @@ def test_a_part_of_a_match_that_is_left_over_goes(source, target):
     assert "zoomout_triangle" not in target.data.attributes
 
 
-def test_the_file_is_cleared_with_meshes_without_objects_and_other_scenes(source, target):
+def test_clearing_the_file_includes_unused_meshes_and_scenes(source, target):
     keep_true_match(target)
     loose = target.data.copy()
     loose.use_fake_user = True
@@ -100,7 +100,7 @@ def test_clearing_is_one_undo_step(source, target):
     assert len(bpy.context.scene.zoomout.landmarks) == 1
 
 
-def test_a_mesh_that_is_edited_is_refused_and_nothing_is_removed(source, target):
+def test_mesh_in_edit_mode_is_refused_and_nothing_is_removed(source, target):
     keep_true_match(target)
     activate(source)
     bpy.ops.object.mode_set(mode="EDIT")
@@ -109,7 +109,7 @@ def test_a_mesh_that_is_edited_is_refused_and_nothing_is_removed(source, target)
     assert stored_match.description(target.data) is not None
 
 
-def test_a_mesh_that_is_edited_is_left_and_edited_again(source, target):
+def test_operator_leaves_and_reenters_edit_mode(source, target):
     keep_true_match(target)
     bpy.ops.object.mode_set(mode="EDIT")
     assert bpy.ops.zoomout.clear_match_data() == {"FINISHED"}
@@ -129,7 +129,7 @@ def test_landmarks_vanish_with_their_object(source, target):
     assert [landmark.number for landmark in scene.zoomout.landmarks] == [1]
 
 
-def test_landmarks_come_back_with_an_object_that_is_undeleted(source, target):
+def test_landmarks_return_with_a_restored_object(source, target):
     mark(source, target)
     activate(target)
     bpy.ops.ed.undo_push(message="before")

@@ -102,7 +102,7 @@ def test_keys_of_a_bound_target_act_before_the_bones():
     assert (side(visible_positions(copy), target) < 0).mean() < 0.02
 
 
-def test_masks_of_the_bodys_keys_count():
+def test_key_masks_of_the_body_apply_to_clothes():
     body, armature = source_and_rig()
     cloth = sleeve(armature)
     target, _ = pose_target(body, armature, {})
@@ -118,7 +118,7 @@ def test_masks_of_the_bodys_keys_count():
 
 
 @pytest.mark.slow
-def test_keys_can_be_left_out_and_are_replaced_with_the_copy():
+def test_keys_are_optional_and_replaced_with_the_copy():
     body, target, copy = dressed(dressing=api.Dressing(follow_keys=False))
     assert copy.data.shape_keys is None
     before = snapshot(target)
@@ -145,7 +145,7 @@ def test_a_deformed_target_gets_a_note():
 
 
 @pytest.mark.parametrize("follow", [True, False])
-def test_the_button_has_the_option(follow):
+def test_operator_option_controls_following_keys(follow):
     body, armature = source_and_rig()
     cloth = sleeve(armature)
     target, _ = pose_target(body, armature, {})

@@ -114,7 +114,7 @@ def test_one_mesh_receives_from_all_objects_that_it_lies_on(hero):
 
 
 @pytest.mark.parametrize(("fault", "sentence"), [("empty", "no mesh in"), ("shared", "is in both collections")])
-def test_collections_that_cannot_be_matched_are_one_sentence(hero, fault, sentence):
+def test_invalid_collections_are_refused_in_one_sentence(hero, fault, sentence):
     other = gather("Other", [hero.objects[0]] if fault == "shared" else [from_pydata("Nothing", [], [])])
     before = snapshot_file()
     with pytest.raises(zo.MeshError, match=sentence):
@@ -123,7 +123,7 @@ def test_collections_that_cannot_be_matched_are_one_sentence(hero, fault, senten
 
 
 @pytest.mark.slow(but=1)
-def test_a_transfer_can_take_each_target_from_its_own_source(hero, scan):
+def test_transfer_uses_each_targets_own_source(hero, scan):
     settings = bpy.context.scene.zoomout
     assert not bpy.ops.zoomout.match_collections.poll()
     settings.source_collection, settings.target_collection = hero, scan
@@ -155,7 +155,7 @@ def slab(name, height, width):
     return link(name, mesh)
 
 
-def test_boots_lie_on_boots_where_trousers_hang_over_them(monkeypatch):
+def test_boots_match_boots_under_overlapping_trousers(monkeypatch):
     hero = gather("Hero", [slab("King_Legs", 1.0, 0.31), slab("King_Boots", 0.4, 0.3)])
     scan = gather("Scan", [slab("Casual_Legs", 1.0, 0.31), slab("Casual_Boots", 0.5, 0.3)])
 

@@ -61,7 +61,7 @@ def test_a_transfer_is_saved_and_reported(pair, tmp_path, capsys):
     assert target.vertex_groups.keys() == ["Bone"]
 
 
-def test_a_match_is_reported_with_how_far_to_trust_it(pair, tmp_path):
+def test_match_is_reported_with_confidence_and_certainty(pair, tmp_path):
     path = tmp_path / "report.json"
     assert run("match", "--source", "Source", "--target", "Target", "--k-final", 30, "--report", path) == 0
     entry = json.loads(path.read_text())["targets"]["Target"]
@@ -71,7 +71,7 @@ def test_a_match_is_reported_with_how_far_to_trust_it(pair, tmp_path):
     assert 0 < entry["certainty"] <= 1
 
 
-def test_a_target_that_fails_is_reported_and_the_others_are_done_and_saved(pair, tmp_path, capsys):
+def test_failed_target_is_reported_and_others_are_saved(pair, tmp_path, capsys):
     out, path = tmp_path / "out.blend", tmp_path / "report.json"
     targets = ("--target", "Target", "--target", "Nobody")
     assert run("match", "--source", "Source", *targets, "--k-final", 30, "--save", out, "--report", path) == 1
@@ -91,7 +91,7 @@ def test_where_nothing_was_done_nothing_is_saved(pair, tmp_path):
 
 
 @pytest.mark.parametrize("option", ["--save", "--report"])
-def test_a_folder_is_not_taken_for_a_file(pair, tmp_path, capsys, option):
+def test_folder_is_refused_as_an_output_file(pair, tmp_path, capsys, option):
     before = snapshot_file()
     kept = tmp_path / "kept"
     kept.mkdir()
@@ -101,7 +101,7 @@ def test_a_folder_is_not_taken_for_a_file(pair, tmp_path, capsys, option):
     assert snapshot_file() == before
 
 
-def test_a_report_that_cannot_be_written_in_the_end_is_a_sentence(pair, tmp_path, capsys, monkeypatch):
+def test_unwritable_report_is_one_sentence(pair, tmp_path, capsys, monkeypatch):
     def full(*_, **__):
         raise OSError("No space left on device")
 
@@ -120,7 +120,7 @@ def test_a_report_that_cannot_be_written_in_the_end_is_a_sentence(pair, tmp_path
         (("--initial", "landmarks"), "Matching from landmarks needs at least one"),
     ],
 )
-def test_what_cannot_be_done_is_one_sentence_and_exit_status_1(pair, capsys, more, sentence):
+def test_failure_is_one_sentence_with_exit_status_1(pair, capsys, more, sentence):
     assert run("transfer", "--source", "Source", "--target", "Target", *more) == 1
     assert sentence in capsys.readouterr().err
 
@@ -128,13 +128,13 @@ def test_what_cannot_be_done_is_one_sentence_and_exit_status_1(pair, capsys, mor
 @pytest.mark.parametrize(
     "arguments", [(), ("dance",), ("match",), ("symmetry",), ("match", "--source", "Source", "--target")]
 )
-def test_a_command_line_that_cannot_be_understood_ends_with_the_usage_and_exit_status_2(arguments, capsys):
+def test_invalid_command_line_prints_usage_with_exit_status_2(arguments, capsys):
     assert run(*arguments) == 2
     assert "usage: blender --background FILE.blend --command zoomout" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("start", ["auto", "landmarks", "proximity", "nearest", "same_order", "file"])
-def test_what_is_left_open_is_as_in_a_fresh_sidebar(start):
+def test_defaults_equal_those_of_the_sidebar(start):
     options = parse(["transfer", "--source", "A", "--target", "B", "--initial", start])
     settings = bpy.context.scene.zoomout
     settings.initial = start.upper()
@@ -239,7 +239,7 @@ def body():
     return obj
 
 
-def test_a_symmetry_is_found_used_saved_and_reported(body, tmp_path, capsys):
+def test_symmetry_is_detected_applied_saved_and_reported(body, tmp_path, capsys):
     out, path = tmp_path / "out.blend", tmp_path / "report.json"
     actions = ("--check", "weights", "--save", out, "--report", path)
     assert run("symmetry", "--object", "Body", *actions) == 0
@@ -259,7 +259,7 @@ def test_a_symmetry_is_found_used_saved_and_reported(body, tmp_path, capsys):
 
 
 @pytest.mark.slow
-def test_a_symmetry_is_found_anew_where_that_is_asked_for_or_the_mesh_was_edited(body):
+def test_symmetry_is_detected_again_on_request_or_after_edits(body):
     assert run("symmetry", "--object", "Body", "--swap-sides") == 0
     swapped = stored_symmetry.read(body).distance
     assert run("symmetry", "--object", "Body") == 0
@@ -280,7 +280,7 @@ def test_a_symmetry_is_found_anew_where_that_is_asked_for_or_the_mesh_was_edited
         (("--object", "Nobody"), "There is no object 'Nobody' in the scene"),
     ],
 )
-def test_where_anything_fails_along_a_symmetry_nothing_is_saved(body, tmp_path, capsys, more, sentence):
+def test_failed_symmetry_command_saves_nothing(body, tmp_path, capsys, more, sentence):
     out, path = tmp_path / "out.blend", tmp_path / "report.json"
     assert run("symmetry", "--object", "Body", *more, "--save", out, "--report", path) == 1
     assert sentence in capsys.readouterr().err
@@ -289,7 +289,7 @@ def test_where_anything_fails_along_a_symmetry_nothing_is_saved(body, tmp_path, 
     assert len(errors) == 1
 
 
-def test_what_was_found_is_reported_to_whoever_has_to_choose_another(body, tmp_path):
+def test_report_lists_candidates_if_the_choice_fails(body, tmp_path):
     path = tmp_path / "report.json"
     assert run("symmetry", "--object", "Body", "--use", 99, "--report", path) == 1
     entry = json.loads(path.read_text())["objects"]["Body"]
@@ -306,7 +306,7 @@ def test_what_was_found_is_reported_to_whoever_has_to_choose_another(body, tmp_p
         (("--detail", "coarse"), "invalid choice: 'coarse'"),
     ],
 )
-def test_a_value_that_makes_no_sense_is_refused_with_exit_status_2(more, complaint, capsys):
+def test_invalid_value_is_refused_with_exit_status_2(more, complaint, capsys):
     assert run("transfer", "--source", "Source", "--target", "Target", *more) == 2
     assert complaint in capsys.readouterr().err
 
@@ -314,6 +314,6 @@ def test_a_value_that_makes_no_sense_is_refused_with_exit_status_2(more, complai
 @pytest.mark.parametrize(
     ("command", "mentioned"), [((), "symmetry"), (("transfer",), "--mask-group"), (("symmetry",), "--name-sides")]
 )
-def test_help_says_what_there_is(command, mentioned, capsys):
+def test_help_mentions_commands_and_options(command, mentioned, capsys):
     assert run(*command, "--help") == 0
     assert mentioned in capsys.readouterr().out

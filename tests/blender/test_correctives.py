@@ -127,7 +127,7 @@ def test_drivers_of_all_types_read_the_targets_own_armature():
     assert value_of(target, "Turned") == pytest.approx(0.5, abs=1e-3)
 
 
-def test_keys_whose_bones_are_missing_are_named_and_off():
+def test_keys_with_missing_bones_are_named_and_disabled():
     source, armature = source_and_rig()
     drive_by_turning(source, armature)
     drive(source, "Slid", "SINGLE_PROP", armature, data_path='["slider"]')
@@ -155,7 +155,7 @@ def test_keys_whose_bones_are_missing_are_named_and_off():
     ]
 
 
-def test_bones_are_paired_that_drivers_of_any_source_read():
+def test_bones_read_by_any_sources_drivers_are_paired():
     source, armature = source_and_rig()
     second = source.copy()
     second.data = source.data.copy()

@@ -53,7 +53,7 @@ def target(source):
     return obj
 
 
-def test_islands_arrive_whole_and_end_at_the_seam(source, target):
+def test_cut_islands_end_at_the_seam(source, target):
     before = len(target.data.vertices)
     message = cut_seams(bpy.context, source, target)
     assert f"{len(target.data.vertices) - before} vertices and" in message
@@ -72,7 +72,7 @@ def test_islands_arrive_whole_and_end_at_the_seam(source, target):
     assert (height[~upper] < reach).mean() > 0.995
 
 
-def test_a_preview_shows_the_uvs_after_the_cut_and_leaves_the_mesh_as_it_is(source, target):
+def test_preview_shows_uvs_after_cut_without_changing_the_mesh(source, target):
     before = len(target.data.vertices)
     activate(target)
     bpy.ops.zoomout.preview(kind="CUT")
@@ -105,7 +105,7 @@ def test_a_preview_of_a_cut_follows_modifiers_that_keep_the_vertices(target, kin
 
 
 @pytest.mark.parametrize(("angle", "count"), [(45, 16), (0, 16), (45, 100)])
-def test_it_is_suggested_where_borders_zigzag_along_long_edges(angle, count):
+def test_cutting_is_suggested_for_zigzag_borders(angle, count):
     source = plane("Source", 32)
     corners = np.empty(len(source.data.loops), np.int32)
     source.data.loops.foreach_get("vertex_index", corners)
@@ -123,7 +123,7 @@ def test_it_is_suggested_where_borders_zigzag_along_long_edges(angle, count):
     assert (suggestion in notes) == (angle == 45 and count == 16)
 
 
-def test_what_the_mesh_had_is_interpolated_and_the_match_is_kept(source, target):
+def test_cut_interpolates_mesh_data_and_keeps_the_match(source, target):
     height = positions(target.data)[:, 2].astype(float)
     set_weights(target, "Height", np.clip(height + 0.5, 0, 1))
     add_attribute(target.data, "height", "FLOAT", "POINT", height)
@@ -144,7 +144,7 @@ def test_what_the_mesh_had_is_interpolated_and_the_match_is_kept(source, target)
     assert np.linalg.norm(images - pair.target.vertices, axis=1).max() < 0.05
 
 
-def test_a_new_vertex_has_a_partner_where_all_around_it_have_and_is_torn_where_any_is(source, target):
+def test_new_vertices_inherit_partners_and_tears(source, target):
     pair = jobs.run(read_pair(bpy.context, "Source", "Target"))
     right = pair.target.vertices[:, 0] > 0
     of_source = pair.source.vertices[:, 0] > 0
@@ -172,7 +172,7 @@ def plane(name, count):
     return from_pydata(name, np.column_stack([x.ravel(), y.ravel(), 0 * x.ravel()]).tolist(), faces.tolist())
 
 
-def test_where_seams_meet_within_a_face_it_is_divided_from_there():
+def test_face_is_divided_where_seams_meet():
     # Six islands, whose borders meet at x = -0.5 and at x = 0.5, where the target's faces have their middles about.
     source, target = plane("Source", 8), plane("Target", 5)
     mesh = source.data

@@ -65,7 +65,7 @@ def euler_characteristic(surface):
     return len(np.unique(surface.triangles)) - len(edges) + len(surface.triangles)
 
 
-def test_the_transfer_beats_data_transfer_at_least_five_times_for_uvs_weights_and_colours(demo):
+def test_transfer_beats_data_transfer_at_least_five_times(demo):
     _, report = demo
     for kind in ("uv", "weights", "color"):
         ours, theirs = report["errors"][kind]["zoomout"]["mean"], report["errors"][kind]["data_transfer"]["mean"]
@@ -74,7 +74,7 @@ def test_the_transfer_beats_data_transfer_at_least_five_times_for_uvs_weights_an
         assert report["errors"][kind]["times_better_on_average"] == pytest.approx(theirs / ours)
 
 
-def test_the_report_tells_sizes_times_and_versions_and_the_summary_quotes_it(demo):
+def test_report_and_summary_contain_sizes_times_and_versions(demo):
     folder, report = demo
     assert json.loads((folder / "report.json").read_text()) == report
     assert report["versions"]["blender"] == bpy.app.version_string
@@ -121,7 +121,7 @@ def test_the_armature_bends_the_target_by_the_transferred_weights(demo):
 
 
 @pytest.mark.parametrize("registered", [True, False])
-def test_a_demo_that_fails_leaves_the_add_on_as_it_was(registered, tmp_path, monkeypatch):
+def test_failed_demo_restores_the_add_on_state(registered, tmp_path, monkeypatch):
     def fail(size):
         assert hasattr(bpy.types.Scene, "zoomout")
         raise zo.MeshError("It failed.")
@@ -163,7 +163,7 @@ def wedge(a, b):
     return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
 
 
-def test_the_atlas_has_several_islands_and_none_overlaps_or_is_mirrored(objects):
+def test_atlas_islands_do_not_overlap_or_mirror(objects):
     uv = mesh_data.read_layer(objects.character.data, UV_MAP).attribute.values
     assert uv.min() >= 0
     assert uv.max() <= 1

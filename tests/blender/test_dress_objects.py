@@ -66,7 +66,7 @@ def source():
 
 
 @pytest.mark.slow
-def test_a_target_that_is_not_bound_is_dressed_as_it_stands(source):
+def test_unbound_target_is_dressed_in_its_pose(source):
     body, armature = source
     cloth = sleeve(armature)
     before, apart = snapshot(cloth), np.median(side(visible_positions(cloth), body))
@@ -126,7 +126,7 @@ def test_the_rig_poses_the_target_and_its_clothes_alike(source, dressed_first):
         assert np.linalg.norm((visible_positions(hung) - visible_positions(prop)).mean(axis=0)) < 0.15
 
 
-def test_shape_keys_come_along_and_dressing_again_replaces(source):
+def test_dressing_copies_shape_keys_and_replaces_earlier_copies(source):
     body, armature = source
     target, _ = pose_target(body, armature, {})
     cloth = mesh_object("Cloth", tube(around=16, along=31))
@@ -171,7 +171,7 @@ def test_hair_is_attached_to_the_target(source):
     np.testing.assert_allclose(uv, roots[:, :2] / 4 + 0.5, atol=0.02)  # as `add_uv_map` lays it out
 
 
-def test_what_cannot_be_carried_is_said(source):
+def test_undressable_objects_are_reported(source):
     body, armature = source
     target, _ = pose_target(body, armature, {})
     empty = link("Empty", None)
@@ -185,7 +185,7 @@ def test_what_cannot_be_carried_is_said(source):
     assert list(report["left_out"]) == ["Empty"]
 
 
-def test_a_vertex_group_keeps_its_form(source):
+def test_kept_vertex_group_stays_rigid(source):
     body, armature = source
     cloth = sleeve(armature)
     rest = visible_positions(cloth).astype(float)
@@ -212,7 +212,7 @@ def test_a_vertex_group_keeps_its_form(source):
     assert any(note.startswith("None of the objects has a vertex group 'Plate'") for note in report["notes"])
 
 
-def test_undoing_a_dress_is_one_step_and_restores_the_selection(source):
+def test_dressing_is_one_undo_step(source):
     body, armature = source
     cloth = sleeve(armature)
     target, _ = pose_target(body, armature, {})
@@ -226,7 +226,7 @@ def test_undoing_a_dress_is_one_step_and_restores_the_selection(source):
     assert {obj.name for obj in bpy.context.selected_objects} == {"Target", "Sleeve"}
 
 
-def test_the_button_takes_the_selection_or_a_collection(source):
+def test_operator_dresses_with_selection_or_collection(source):
     body, armature = source
     cloth = sleeve(armature)
     target, _ = pose_target(body, armature, {})

@@ -79,7 +79,7 @@ WORK = {
 @pytest.mark.parametrize("work", WORK)
 @pytest.mark.parametrize("edited", ["Source", "Target"])
 @pytest.mark.parametrize("edit", EDITS)
-def test_an_edit_between_two_turns_is_noticed_and_nothing_is_written(pair, work, edited, edit):
+def test_edit_during_operation_is_detected_and_nothing_written(pair, work, edited, edit):
     taken_before = range(1, LAST)
     if work == "collections":
         # Its objects are read one after another, each as it is then.

@@ -46,7 +46,7 @@ def read_at(surface, points, values, corners):
 
 
 @pytest.mark.slow
-def test_a_posed_and_remeshed_character_receives_its_data_where_data_transfer_fails(scene):
+def test_transfer_to_posed_character_beats_data_transfer(scene):
     source, target, posed = scene
     assert not target.vertex_groups
     assert "rest" not in target.data.attributes

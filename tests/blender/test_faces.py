@@ -100,7 +100,7 @@ def test_a_source_without_keys_is_an_error_and_no_picture_is_written(files, tmp_
     assert not (tmp_path / "sheet.png").exists()
 
 
-def test_a_sheet_is_a_png_file_of_its_own(files, tmp_path, capsys):
+def test_sheet_must_be_a_separate_png_file(files, tmp_path, capsys):
     assert run(*files, "--sheet", tmp_path / "sheet.jpg") == 2
     assert "give a name that ends in .png" in capsys.readouterr().err
     assert run(*files, "--sheet", tmp_path / "sheet.png", "--report", tmp_path / "sheet.png") == 1
@@ -119,7 +119,7 @@ def test_edges_that_stretch_more_than_on_the_source_are_found(empty_scene):
     assert not found["cheekPuff"].any()
 
 
-def test_modifiers_of_the_source_that_change_faces_are_not_compared(empty_scene):
+def test_topology_changing_source_modifiers_are_not_compared(empty_scene):
     source, target = add_expressions(ellipsoid("Source", 4)), add_expressions(ellipsoid("Target", 4))
     match = match_objects(bpy.context, source, target, detail="fast")
     match = replace(match, surface_map=replace(match.surface_map, source_triangles=np.zeros((7, 3), int)))
@@ -138,7 +138,7 @@ def test_keys_are_read_through_their_masks(empty_scene):
     np.testing.assert_array_equal(read_full_offsets(obj)["jawOpen"], whole)  # as Blender shows it
 
 
-def test_text_is_made_of_triangles_and_nothing_of_it_stays(empty_scene):
+def test_text_triangles_leave_no_objects(empty_scene):
     before = len(bpy.data.objects), len(bpy.data.curves), len(bpy.data.meshes)
     short, long = text_triangles("eye"), text_triangles("eyeBlink_L")
     assert short[1].max() < len(short[0])

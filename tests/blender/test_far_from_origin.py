@@ -19,7 +19,7 @@ from blender_addon.services.matching.match import match_objects
 FAR = {"a million units away": (1e6, -3e5, 5e5), "ten millions": (1e7, -3e6, 5e6)}
 
 
-def put(place, *objects):
+def move_to(place, *objects):
     for obj in objects:
         obj.location = place
     bpy.context.view_layer.update()
@@ -28,30 +28,30 @@ def put(place, *objects):
 @pytest.mark.slow(but=1)
 @pytest.mark.parametrize("place", FAR.values(), ids=FAR)
 @pytest.mark.parametrize("initial", ["auto", "nearest"])
-def test_matches_are_what_they_are_at_the_origin(source, target, place, initial):
+def test_matches_do_not_depend_on_distance_from_origin(source, target, place, initial):
     target.rotation_euler = 0.02, 0, 0.01
     found = []
     for where in ((0, 0, 0), place):
-        put(where, source, target)
+        move_to(where, source, target)
         result = match_objects(bpy.context, source, target, initial=initial)
         assert not result.notes
         found.append(result.surface_map.interpolate(positions(source.data)))
     np.testing.assert_allclose(found[1], found[0], atol=1e-6)
 
 
-def test_what_hangs_from_something_far_is_where_it_is_beside_it(source, target):
+def test_child_of_distant_parent_keeps_its_relative_place(source, target):
     """Single precision rounds a child's position to 0.06 there, which is the difference of these two."""
     parent = link("Parent", None)
     for obj, x in ((source, 0.0), (target, 0.03)):
         obj.location, obj.rotation_euler, obj.parent = (x, 0.01, 0), (0, 0, 0.3), parent
-    put(FAR["a million units away"], parent)
+    move_to(FAR["a million units away"], parent)
     pair = jobs.run(read_pair(bpy.context, "Source", "Target"))
     wanted = np.broadcast_to([0.03, 0, 0], pair.source.vertices.shape)
     np.testing.assert_allclose(pair.target.vertices - pair.source.vertices, wanted, atol=1e-6)
     assert np.abs(np.array(target.matrix_world.translation) - np.array(source.matrix_world.translation))[0] != 0.03
 
 
-def test_what_something_else_moves_is_where_blender_has_it(source):
+def test_constrained_object_is_read_where_blender_places_it(source):
     other = link("Other", None)
     other.location = 5, 6, 7
     source.constraints.new("COPY_LOCATION").target = other
@@ -65,7 +65,7 @@ def test_what_something_else_moves_is_where_blender_has_it(source):
     assert np.linalg.norm(world_matrix(child)[:3, 3] - [5, 6, 7]) > 0.4
 
 
-def test_all_that_places_an_object_counts(source):
+def test_world_matrix_includes_all_transforms(source):
     parent = link("Parent", None)
     parent.matrix_world = Matrix.Translation((1, 2, 3)) @ Matrix.Rotation(0.4, 4, "X")
     source.parent, source.matrix_parent_inverse = parent, Matrix.Translation((4, 0, 1)).inverted()
@@ -78,8 +78,8 @@ def test_all_that_places_an_object_counts(source):
     np.testing.assert_array_equal(world_matrix(source), np.array(source.matrix_world))
 
 
-def test_landmarks_are_where_the_surface_is(source, target):
-    put(FAR["a million units away"], source, target)
+def test_landmarks_stay_on_distant_surfaces(source, target):
+    move_to(FAR["a million units away"], source, target)
     depsgraph = bpy.context.evaluated_depsgraph_get()
     for number, vertex in enumerate((3, 77, 200), 1):
         for obj in (source, target):
@@ -90,14 +90,14 @@ def test_landmarks_are_where_the_surface_is(source, target):
 
 
 @pytest.mark.parametrize("result", ["shape_key", "mesh", "object"])
-def test_a_wrapped_mesh_has_the_same_shape_there(source, target, result):
+def test_distant_wrapped_mesh_keeps_its_shape(source, target, result):
     points = positions(target.data) * [1.1, 0.95, 1.2]
     found = []
     for place in ((0, 0, 0), FAR["a million units away"]):
         target.shape_key_clear()
         target.data.vertices.foreach_set("co", points.ravel().astype(np.float32))
         target.data.update()
-        put(place, source, target)
+        move_to(place, source, target)
         keep_true_match(target)
         report = api.wrap(bpy.context, source, target, api.Wrapping(result=result))
         made = bpy.data.objects[report["object"]]
@@ -106,10 +106,10 @@ def test_a_wrapped_mesh_has_the_same_shape_there(source, target, result):
     np.testing.assert_allclose(*found, atol=1e-5)
 
 
-def test_what_is_worn_keeps_its_shape_there(source, target):
+def test_distant_worn_object_keeps_its_shape(source, target):
     hat = ellipsoid("Hat", 2, (0.2, 0.2, 0.2))
     hat.data.transform(Matrix.Translation((0, 0, 0.8)))
-    put(FAR["a million units away"], source, target, hat)
+    move_to(FAR["a million units away"], source, target, hat)
     keep_true_match(target)
     report = api.dress(bpy.context, source, target, [hat])
     copy = bpy.data.objects[report["objects"]["Hat"]]
@@ -119,7 +119,7 @@ def test_what_is_worn_keeps_its_shape_there(source, target):
     assert np.linalg.norm(seen - positions(hat.data), axis=1).max() < 0.02
 
 
-def test_vertices_that_are_far_from_their_own_origin_are_said_to_be_rounded(source, target):
+def test_vertices_far_from_their_origin_are_reported_as_rounded(source, target):
     assert not match_objects(bpy.context, source, target).notes
     target.data.transform(Matrix.Translation((1e6, 0, 0)))
     target.location.x, target.scale = 5, (0.1, 0.1, 0.1)

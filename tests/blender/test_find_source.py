@@ -59,7 +59,7 @@ def test_a_search_lists_files_and_appends_none(target, folder):
     assert bpy.context.active_object == target
 
 
-def test_what_was_found_is_shown_in_matching_colours_beside_the_thumbnail(target, tmp_path, monkeypatch):
+def test_found_source_is_shown_in_matching_colours(target, tmp_path, monkeypatch):
     settings, path = bpy.context.scene.zoomout, tmp_path / "hero.blend"
     # The start of a .blend file: a header, and a block with width, height and pixels of the thumbnail.
     pixels = struct.pack("<ii", 2, 2) + bytes([255, 0, 0, 255] * 4)
@@ -92,7 +92,7 @@ def test_scripts_find_sources_without_a_selection(target, folder):
     assert api.append_source(bpy.context, search.found.best.path).name == "hero"
 
 
-def test_a_library_without_a_readable_file_says_why(target, folder):
+def test_library_without_readable_files_gives_the_reason(target, folder):
     (folder / "hero.ply").unlink()
     bpy.context.scene.zoomout.library_folder = str(folder)
     with pytest.raises(RuntimeError, match=r"No file of .* can be used: .*broken\.obj"):
@@ -106,7 +106,7 @@ def test_a_search_needs_a_library(target, tmp_path):
         bpy.ops.zoomout.find_source()
 
 
-def test_asset_libraries_are_libraries(folder):
+def test_asset_libraries_of_preferences_are_searched(folder):
     libraries = bpy.context.preferences.filepaths.asset_libraries
     libraries.new(name="Characters", directory=str(folder))
     bpy.context.scene.zoomout.use_asset_libraries = True
@@ -140,7 +140,7 @@ def test_the_open_file_is_not_appended_to_itself(target, tmp_path):
         append_source(bpy.context, tmp_path / "hero.blend")
 
 
-def test_appending_keeps_the_selection_and_leaves_nothing_if_it_fails(target, tmp_path):
+def test_append_keeps_selection_and_failure_leaves_nothing(target, tmp_path):
     save_scene(tmp_path / "hero.blend")
     selected = list(bpy.context.selected_objects)
     append_source(bpy.context, tmp_path / "hero.blend")
@@ -154,7 +154,7 @@ def test_appending_keeps_the_selection_and_leaves_nothing_if_it_fails(target, tm
 
 
 @pytest.mark.parametrize("ending", [".blend", ".glb", ".ply"])
-def test_undoing_an_append_is_one_step_and_leaves_nothing(target, tmp_path, ending):
+def test_append_is_one_undo_step(target, tmp_path, ending):
     path = tmp_path / f"hero{ending}"
     save_scene(path)
     other = from_pydata("Other", [(0, 0, 0), (1, 0, 0), (0, 1, 0)], [(0, 1, 2)])
@@ -202,7 +202,7 @@ def pack(target, tmp_path):
     return path
 
 
-def test_marked_collections_and_objects_of_a_file_are_read_each_as_one_surface(pack, tmp_path):
+def test_marked_assets_of_a_file_are_read_as_surfaces(pack, tmp_path):
     shapes = {name: len(surface.vertices) for name, surface in read_assets(bpy.context, str(pack)).items()}
     assert shapes == {"Collection/Hero": 900 + 3, "Object/Dog": 3}
     report = tmp_path / "report.json"
@@ -211,7 +211,7 @@ def test_marked_collections_and_objects_of_a_file_are_read_each_as_one_surface(p
     assert {name: len(zo.read_surface(tmp_path / file).vertices) for name, file in written.items()} == shapes
 
 
-def test_an_asset_is_appended_alone_with_its_rig_and_shown_by_its_preview(pack):
+def test_asset_is_appended_with_its_rig_and_preview(pack):
     source = append_source(bpy.context, pack / "Collection" / "Hero")
     assert source.name == "Hidden"  # the largest
     (hero,) = bpy.context.scene.collection.children
@@ -246,7 +246,7 @@ def test_a_file_without_marked_meshes_is_one_asset(target, tmp_path):
         read_assets(bpy.context, str(tmp_path / "hero.blend"))
 
 
-def test_the_command_prepares_libraries(folder, tmp_path, capsys):
+def test_library_command_prepares_folders(folder, tmp_path, capsys):
     report = tmp_path / "report.json"
     assert main(["library", str(folder), "--report", str(report)]) == 0
     entry = json.loads(report.read_text())["folders"][str(folder)]

@@ -69,7 +69,7 @@ def shown():
     return {overlay.find(one.object_uid).name: one.values for one in overlay.overlays()}
 
 
-def test_the_best_candidate_is_shown_in_rough_colours_marked_as_preliminary(source, target, begin):
+def test_best_candidate_is_shown_as_preliminary(source, target, begin):
     count, before = len(target.data.vertices), snapshot_file()
     begin(np.arange(count)[::-1].copy(), np.arange(count))
     current = preview.preview_of(target)
@@ -83,7 +83,7 @@ def test_the_best_candidate_is_shown_in_rough_colours_marked_as_preliminary(sour
     assert snapshot_file() == before
 
 
-def test_the_refined_match_replaces_it(source, target, begin):
+def test_refined_match_replaces_the_preliminary_preview(source, target, begin):
     job, refining = begin(np.arange(len(target.data.vertices)))
     write = end(job, refining)
     assert preview.preview_of(target).preliminary
@@ -95,7 +95,7 @@ def test_the_refined_match_replaces_it(source, target, begin):
     assert preview.preview_of(target) is current
 
 
-def test_a_cancel_or_an_error_restores_what_was_shown_before(source, target, begin):
+def test_cancel_or_error_restores_the_former_preview(source, target, begin):
     job, refining = begin(np.arange(len(target.data.vertices)))
     job.cancel()
     preview.end_preliminary()
@@ -122,7 +122,7 @@ def test_the_end_of_an_operator_ends_a_preliminary_preview(monkeypatch):
 
 
 @pytest.mark.parametrize("kind", ["CONFIDENCE", None])
-def test_another_preview_and_an_unseen_target_are_left_alone(source, target, begin, kind):
+def test_other_previews_and_unseen_targets_are_unchanged(source, target, begin, kind):
     vertex = np.arange(len(target.data.vertices))
     if kind is not None:
         end(*begin(vertex))()
@@ -138,7 +138,7 @@ def test_what_a_mirror_modifier_adds_has_no_colours(source, target, begin):
     assert len(shown()["Target"]) == count
 
 
-def test_a_block_is_watched_only_while_a_job_waits_for_its_computations():
+def test_watching_runs_only_while_a_job_computes():
     gate, seen = threading.Event(), []
 
     async def work():

@@ -71,7 +71,7 @@ def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.slow
-def test_one_row_is_an_option_of_every_door(copy: Path):
+def test_one_table_row_adds_an_option_to_every_interface(copy: Path):
     environment = {**os.environ, "PYTHONPATH": str(copy), "PYTHONDONTWRITEBYTECODE": "1", "ZOOMOUT_CACHE": "off"}
     script = SCRIPT.format(tools=str(ROOT / "tools"))
     done = subprocess.run([sys.executable, "-c", script], env=environment, cwd=copy, capture_output=True, text=True)

@@ -39,7 +39,7 @@ def errors(match, source, half):
     return (np.linalg.norm(images * [sign, 1, 1] - places, axis=1) for sign in (1, -1))
 
 
-def test_a_half_is_matched_as_the_whole_that_is_seen_and_keeps_its_own_part():
+def test_half_is_matched_as_the_whole_and_keeps_its_part():
     source, rig = character()
     half = half_of(source)
     for name, angles in POSE.items():
@@ -59,7 +59,7 @@ def test_a_half_is_matched_as_the_whole_that_is_seen_and_keeps_its_own_part():
     assert len(use_candidate(bpy.context, half, other).confidence) == count
 
 
-def test_the_whole_has_the_vertices_of_the_mesh_first(target):
+def test_mirrored_surface_starts_with_vertices_of_the_mesh(target):
     target.location.x = 2
     assert whole(target) is None
     mirror = target.modifiers.new("Mirror", "MIRROR")
@@ -80,7 +80,7 @@ def whole(obj):
 
 
 @pytest.mark.parametrize("option", ["initial_map", "nearest"])
-def test_what_refers_to_vertices_by_number_is_matched_as_the_half(source, target, option):
+def test_vertex_indexed_starts_match_only_the_half(source, target, option):
     target.modifiers.new("Mirror", "MIRROR")
     given = {"initial": "nearest"} if option == "nearest" else {"initial_map": np.arange(len(target.data.vertices))}
     match = match_objects(bpy.context, source, target, **given)

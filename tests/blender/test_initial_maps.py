@@ -25,7 +25,7 @@ def target(source):
     return obj
 
 
-def test_in_the_same_order_each_vertex_has_its_own(source, target):
+def test_same_order_maps_each_vertex_to_its_own(source, target):
     assert bpy.ops.zoomout.match(initial="SAME_ORDER") == {"FINISHED"}
     kept = stored_match.read(target.data, jobs.run(read_pair(bpy.context, "Source", "Target")))
     np.testing.assert_array_equal(kept.surface_map.vertex, np.arange(len(positions(target.data))))
@@ -34,7 +34,7 @@ def test_in_the_same_order_each_vertex_has_its_own(source, target):
     assert kept.notes == ()
 
 
-def test_a_loose_vertex_goes_to_the_nearest_point_and_is_not_trusted(source, target):
+def test_loose_vertex_maps_to_nearest_point_without_confidence(source, target):
     for obj in (source, target):
         obj.data.vertices.add(1)
         obj.data.vertices[-1].co = (1.5, 0, 0)

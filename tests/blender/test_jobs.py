@@ -44,11 +44,11 @@ def reporting(gate, reached):
         gate.set()
 
 
-def test_it_returns_what_the_coroutine_does():
+def test_job_returns_the_result_of_its_coroutine():
     assert run(double(4)) == finish(Job(double(4))) == 8
 
 
-def test_straight_through_all_is_done_in_this_thread_and_in_a_job_computations_are_not():
+def test_run_computes_in_this_thread_and_jobs_in_another():
     async def where():
         return await compute(threading.current_thread), threading.current_thread()
 
@@ -58,7 +58,7 @@ def test_straight_through_all_is_done_in_this_thread_and_in_a_job_computations_a
     assert (computing == here, writing == here) == (False, True)
 
 
-def test_it_goes_on_until_the_time_is_up_and_to_the_next_pause_at_least():
+def test_advance_runs_until_time_is_up_or_next_pause():
     reached = []
 
     async def count():
@@ -74,7 +74,7 @@ def test_it_goes_on_until_the_time_is_up_and_to_the_next_pause_at_least():
     job.cancel()
 
 
-def test_it_does_not_wait_long_for_a_computation(gate):
+def test_advance_does_not_wait_long_for_a_computation(gate):
     job = Job(compute(partial(opened, gate)))
     begin = monotonic()
     assert not job.advance(60)
@@ -84,7 +84,7 @@ def test_it_does_not_wait_long_for_a_computation(gate):
     finish(job)
 
 
-def test_progress_of_threads_and_of_the_main_thread_is_that_of_the_job_and_of_whoever_listens():
+def test_job_and_listener_receive_the_same_progress():
     seen, told = [], []
     with zo.progress(told.append):
         for one in turns(Job(double(4))):
@@ -94,7 +94,7 @@ def test_progress_of_threads_and_of_the_main_thread_is_that_of_the_job_and_of_wh
     assert [one.stage for one in told] == ["Doubling", "Writing"] * 2
 
 
-def test_it_says_that_it_begins_until_there_is_more_to_say():
+def test_progress_begins_with_starting():
     async def quiet():
         await pause()
         advance(0.5)
@@ -119,7 +119,7 @@ def test_an_error_of_a_computation_is_raised_where_it_is_awaited(through):
         through(divide(False))
 
 
-def test_a_cancelled_job_waits_for_nothing_and_its_computation_ends_when_it_next_reports(gate):
+def test_cancelled_job_does_not_wait_for_its_computation(gate):
     closed, reached = [], []
 
     async def work():

@@ -42,7 +42,7 @@ def find(target, by, source=None, on_source=0.0):
     )
 
 
-def test_a_key_that_pushes_through_at_half_strength_alone_is_found():
+def test_intersection_at_half_strength_is_found():
     target = plate_and_ball()
     found = find(target, 2.0)
     places = target.vertices[found]
@@ -53,13 +53,13 @@ def test_a_key_that_pushes_through_at_half_strength_alone_is_found():
     assert not find(target, 0.5).any()
 
 
-def test_what_only_touches_is_not_found():
+def test_touching_faces_are_not_reported():
     target = plate_and_ball()
     assert not find(target, 0.805).any()
     assert find(target, 0.85).any()
 
 
-def test_what_the_source_or_the_mesh_at_rest_pushes_through_is_not_found():
+def test_intersections_of_source_or_rest_are_not_reported():
     target = plate_and_ball()
     assert not find(target, 2.0, on_source=2.0).any()
     assert find(target, 2.0, on_source=0.5).any()
@@ -73,7 +73,7 @@ def test_faces_at_seams_do_not_count_as_intersecting_at_rest():
     assert found[: len(apart.vertices)].sum() > 10
 
 
-def test_pairs_that_hardly_move_are_left_out():
+def test_hardly_moving_pairs_are_ignored():
     target = plate_and_ball(-0.23, count=40)
     far = target.vertices[0] - 9
     with_another = zo.Surface.joined([ball(RADIUS, count=300), target])
@@ -94,7 +94,7 @@ def test_the_source_may_be_finer():
     assert not intersections.find(raised(fine, 2.0), raised(coarse, 2.0, 60)).any()
 
 
-def test_cells_leave_out_no_pair(monkeypatch):
+def test_grid_cells_miss_no_pair(monkeypatch):
     random = np.random.default_rng(0)
     corners = random.random((2000, 1, 3)) + 0.05 * random.standard_normal((2000, 3, 3))
     soup = zo.Surface(corners.reshape(-1, 3), np.arange(6000).reshape(-1, 3))
@@ -109,7 +109,7 @@ def test_cells_leave_out_no_pair(monkeypatch):
     np.testing.assert_array_equal(with_cells, found())
 
 
-def test_vertices_without_a_valid_map_and_keys_that_move_nothing_are_left_out():
+def test_unmapped_vertices_and_still_keys_are_ignored():
     target = plate_and_ball()
     intersections = Intersections(target, target, np.full((len(target.vertices), 3), -1), intersecting_triangles)
     assert not intersections.find(0 * target.vertices, raised(target, 2.0)).any()
@@ -117,7 +117,7 @@ def test_vertices_without_a_valid_map_and_keys_that_move_nothing_are_left_out():
 
 
 @pytest.mark.parametrize("size", [1e-3, 1e3])
-def test_units_do_not_matter(size):
+def test_intersections_do_not_depend_on_units(size):
     target = plate_and_ball()
     scaled = target.with_vertices(size * target.vertices)
     np.testing.assert_array_equal(find(scaled, 2.0 * size), find(target, 2.0))

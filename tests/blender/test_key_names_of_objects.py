@@ -130,5 +130,5 @@ def test_a_mesh_without_shape_keys_is_refused(empty_scene):
         bpy.ops.zoomout.rename_shape_keys()
 
 
-def test_the_menu_of_blenders_shape_keys_has_it():
+def test_shape_key_menu_contains_the_operator():
     assert bpy.types.MESH_MT_shape_key_context_menu.is_extended()

@@ -105,7 +105,7 @@ def transfer(source, target, *data):
     return transfer_objects(bpy.context, source, target, data or ("shape_keys",))
 
 
-def test_played_keys_move_the_target_as_they_move_the_source(source, target):
+def test_transferred_keys_move_target_like_source(source, target):
     add_keys(source)
     report = transfer(source, target)
     assert report["written"]["shape_keys"] == ["Swell", "Slide"]
@@ -153,7 +153,7 @@ def test_a_mask_that_the_target_lacks_is_noted(source, target):
     )
 
 
-def test_keys_that_are_relative_to_others_stay_so(source, target):
+def test_relative_keys_stay_relative(source, target):
     add_keys(source)
     points = positions(source.data)
     key = add_key(source, "Then", swelling(points) + sliding(points))
@@ -188,7 +188,7 @@ def test_keys_of_the_same_name_are_overwritten_and_others_stay(source, target):
 
 
 @pytest.mark.parametrize("scale", [(2, 2, 2), (-1.5, 1.5, 1.5)])
-def test_objects_that_are_turned_grown_and_mirrored_take_keys_in_their_own_space(source, target, scale):
+def test_keys_are_transferred_in_the_objects_own_space(source, target, scale):
     add_keys(source)
     # The same thing is seen in the same place, by two objects that lie otherwise.
     turn = Matrix.LocRotScale((1, 2, 3), Matrix.Rotation(1.1, 3, (1, 2, 0.5)), scale)
@@ -228,7 +228,7 @@ def rigged(obj):
     return armature
 
 
-def test_keys_turn_with_a_target_whose_mesh_stands_in_another_pose(source):
+def test_keys_rotate_with_the_targets_pose(source):
     add_keys(source)
     armature = rigged(source)
     bend(source, armature, 1.4)
@@ -243,7 +243,7 @@ def test_keys_turn_with_a_target_whose_mesh_stands_in_another_pose(source):
     assert error(swelling(positions(source.data)), truth["Swell"]) > 1
 
 
-def test_armatures_on_both_pose_what_the_keys_have_moved(source, target):
+def test_armatures_act_after_transferred_keys(source, target):
     add_keys(source)
     armature = rigged(source)
     bend(source, armature, -0.7)
@@ -257,7 +257,7 @@ def test_armatures_on_both_pose_what_the_keys_have_moved(source, target):
         assert error(key_shape(target.data, name) - points, offsets) < 0.03
 
 
-def test_drivers_follow_to_the_target(source, target):
+def test_drivers_are_transferred_to_the_target(source, target):
     add_keys(source)
     source["slider"] = 0.0
     key = source.data.shape_keys
@@ -285,7 +285,7 @@ def test_drivers_follow_to_the_target(source, target):
     assert error(visible_positions(target) - still, expected) < 0.03
 
 
-def test_an_action_is_copied_and_one_that_is_there_stays(source, target):
+def test_action_is_copied_unless_target_has_one(source, target):
     add_keys(source)
     swell = blocks(source)["Swell"]
     for frame, value in ((1, 0.0), (11, 1.0)):
@@ -322,7 +322,7 @@ def test_absolute_keys_are_refused_with_a_sentence(source, target):
     assert snapshot_file() == before
 
 
-def test_a_key_with_the_name_of_the_targets_first_one_is_refused(source, target):
+def test_key_named_like_the_targets_basis_is_refused(source, target):
     add_keys(source)
     target.shape_key_add(name="Slide", from_mix=False)
     before = snapshot_file()
@@ -361,7 +361,7 @@ def test_keys_pass_through_modifiers_that_add_vertices(source, target, deforms):
     assert error(key_shape(target.data, "Round") - points, swelling(points)) < 0.05
 
 
-def test_modifiers_whose_faces_depend_on_the_shape_are_refused_with_a_sentence(source, target):
+def test_shape_dependent_modifiers_are_refused(source, target):
     add_keys(source)
     source.modifiers.new("Fewer", "DECIMATE").ratio = 0.5
     source.data.materials.append(bpy.data.materials.new("red"))

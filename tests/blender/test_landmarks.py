@@ -92,7 +92,7 @@ def test_a_landmark_moves_with_the_face_that_it_was_set_on(source):
     assert distance < 0.1
 
 
-def test_a_landmark_is_found_again_when_edits_renumbered_the_mesh(source):
+def test_landmark_is_found_after_renumbering_edits(source):
     add(source, 1, 0, 0, 1)
     before = world(source)[1]
     far_off = positions(source.data)[:, 2] < -0.3
@@ -104,7 +104,7 @@ def test_a_landmark_is_found_again_when_edits_renumbered_the_mesh(source):
     np.testing.assert_allclose(world(source)[1], before, atol=1e-5)
 
 
-def test_a_landmark_whose_surface_is_gone_is_said_to_be(source, target):
+def test_landmark_on_deleted_surface_is_reported(source, target):
     for obj in (source, target):
         add(obj, 1, 0, 0, 1)
         add(obj, 2, 1, 0, 0)
@@ -129,7 +129,7 @@ def test_the_next_number_completes_a_pair_where_one_is_open(source, target):
     assert next_number(scene, third, [source, third]) == 1
 
 
-def test_landmarks_of_objects_that_left_the_scene_go_with_the_next_change(source, target):
+def test_landmarks_of_removed_objects_are_removed(source, target):
     add(source, 1, 1, 0, 0)
     add(target, 2, 1, 0, 0)
     bpy.data.objects.remove(target)
@@ -204,7 +204,7 @@ def placing(source, target):
     modal.end(operator)
 
 
-def test_landmarks_are_placed_out_of_other_modes_which_come_back(source, target):
+def test_placing_leaves_and_restores_other_modes(source, target):
     bpy.ops.object.mode_set(mode="WEIGHT_PAINT")
     for obj, x in ((source, -1.0), (target, 1.0)):
         obj.location.x, obj.scale = x, (0.5,) * 3
@@ -216,7 +216,7 @@ def test_landmarks_are_placed_out_of_other_modes_which_come_back(source, target)
     assert (bpy.context.mode, numbers(target)) == ("PAINT_WEIGHT", [1])
 
 
-def test_clicks_on_either_object_place_pairs_and_the_status_bar_says_what_is_next(source, target, placing):
+def test_clicks_place_pairs_and_status_bar_shows_next_step(source, target, placing):
     screen = placing.screen
     assert screen.cursor == "CROSSHAIR"
     for x, status in (
@@ -239,7 +239,7 @@ def test_clicks_on_either_object_place_pairs_and_the_status_bar_says_what_is_nex
     assert (screen.cursor, screen.status) == (None, None)
 
 
-def test_none_are_placed_where_blender_keeps_the_place_of_an_operator_that_is_gone(placing, monkeypatch):
+def test_placing_is_refused_while_a_removed_operator_remains(placing, monkeypatch):
     monkeypatch.setattr(modal, "can_begin", lambda window: False)  # to add another one would crash it
     handlers = placing.screen.handlers
     assert placing.invoke(placing.screen, None) == {"CANCELLED"}
@@ -247,10 +247,10 @@ def test_none_are_placed_where_blender_keeps_the_place_of_an_operator_that_is_go
     assert "move it over a 3D viewport, and try again" in placing.reports[-1]
 
 
-def test_a_dot_can_be_dragged_and_the_last_one_taken_back(source, target, placing):
+def test_landmarks_can_be_dragged_and_the_last_removed(source, target, placing):
     placing.event("LEFTMOUSE", -1.2, 0.0)
     placing.event("LEFTMOUSE", 0.8, 0.0)
-    placing.event("LEFTMOUSE", -1.2, 0.0)  # takes hold of it
+    placing.event("LEFTMOUSE", -1.2, 0.0)  # grabs it
     placing.event("MOUSEMOVE", -1.1, 0.1)
     placing.event("MOUSEMOVE", 0.8, 0.1)  # over the other object: it stays
     assert placing.event("LEFTMOUSE", -1.1, 0.1, "RELEASE") == {"RUNNING_MODAL"}
@@ -262,7 +262,7 @@ def test_a_dot_can_be_dragged_and_the_last_one_taken_back(source, target, placin
         assert placing.event(kind) == {"PASS_THROUGH"}
 
 
-def test_a_click_that_places_nothing_changes_nothing(source, target, placing):
+def test_cancelled_placing_changes_nothing(source, target, placing):
     assert placing.event("RIGHTMOUSE") == {"CANCELLED"}
     assert not bpy.context.scene.zoomout.landmarks
 
@@ -278,7 +278,7 @@ def test_each_click_is_an_undo_step(source, target, placing):
     assert numbers(bpy.data.objects["Source"]) == [1]
 
 
-def test_dots_show_where_landmarks_are_and_which_have_no_partner(source, target, placing):
+def test_dots_show_places_and_missing_partners(source, target, placing):
     screen = placing.screen
     for x in (-1.2, 0.8, -0.9):
         placing.event("LEFTMOUSE", x, 0.0)
@@ -310,7 +310,7 @@ def select_vertices(obj, *vertices):
     bmesh.update_edit_mesh(obj.data)
 
 
-def test_selected_vertices_of_both_objects_become_pairs_in_the_order_of_selection(source, target):
+def test_selected_vertices_become_pairs_in_order(source, target):
     bpy.ops.ed.undo_push(message="before")
     bpy.ops.object.mode_set("EXEC_DEFAULT", True, mode="EDIT")
     select_vertices(source, 30, 7)
@@ -324,7 +324,7 @@ def test_selected_vertices_of_both_objects_become_pairs_in_the_order_of_selectio
     np.testing.assert_allclose(found.target, positions(target.data)[[31, 8]], atol=1e-6)
 
 
-def test_landmarks_from_selected_vertices_are_undone_in_one_step(source, target):
+def test_landmarks_from_selection_are_one_undo_step(source, target):
     bpy.ops.ed.undo_push(message="before")
     bpy.ops.object.mode_set("EXEC_DEFAULT", True, mode="EDIT")
     select_vertices(source, 30)
@@ -338,7 +338,7 @@ def test_landmarks_from_selected_vertices_are_undone_in_one_step(source, target)
 
 
 @pytest.mark.parametrize(("count", "sentence"), [(0, "No vertex"), (65, "65 vertices are selected")])
-def test_too_few_or_too_many_selected_vertices_are_one_sentence(source, target, count, sentence):
+def test_too_few_or_many_selected_vertices_are_refused(source, target, count, sentence):
     bpy.ops.object.mode_set(mode="EDIT")
     for obj in (source, target):
         select_vertices(obj, *range(count if obj == source else 0))
@@ -416,7 +416,7 @@ def alike(source, target):
 @pytest.mark.slow(but=1)
 @pytest.mark.parametrize("initial", ["auto", "landmarks"])
 @pytest.mark.parametrize("signs", [(1, 1, 1), (-1, -1, 1), (1, -1, -1)])
-def test_a_single_pair_tells_which_way_round_a_match_goes(alike, initial, signs):
+def test_single_pair_resolves_an_ambiguous_match(alike, initial, signs):
     source, target = alike
     where = np.array([0.6, 0.4, 0.28])
     add(source, 1, *where)
@@ -429,7 +429,7 @@ def test_a_single_pair_tells_which_way_round_a_match_goes(alike, initial, signs)
         assert result.notes[0] == "Hints used: 1 landmark."
 
 
-def test_landmarks_can_be_hit_exactly(source, target):
+def test_exact_landmarks_are_hit(source, target):
     add(source, 1, 1, 0, 0.1)
     add(target, 1, 1, 0.3, 0)
     near, exact = (
@@ -441,7 +441,7 @@ def test_landmarks_can_be_hit_exactly(source, target):
     assert missed[1] < 0.1 < missed[0]
 
 
-def test_a_start_from_landmarks_without_a_pair_is_one_sentence(source, target):
+def test_landmark_start_without_pairs_is_refused(source, target):
     add(source, 1, 1, 0, 0)
     with pytest.raises(zo.MeshError) as error:
         match_objects(bpy.context, source, target, initial="landmarks")
@@ -455,7 +455,7 @@ def test_a_start_from_landmarks_without_a_pair_is_one_sentence(source, target):
     assert "initial" not in stored_match.description(target.data)["settings"]
 
 
-def test_a_landmark_off_the_main_part_is_named_by_the_number_that_the_user_sees(source, target):
+def test_landmark_off_the_main_part_is_named_by_its_number(source, target):
     editable = bmesh.new()
     editable.from_mesh(source.data)
     bmesh.ops.create_icosphere(editable, subdivisions=2, radius=0.1, matrix=Matrix.Translation((0, 0, 2)))
@@ -471,7 +471,7 @@ def test_a_landmark_off_the_main_part_is_named_by_the_number_that_the_user_sees(
         match_objects(bpy.context, source, target, initial="landmarks")
 
 
-def test_the_option_to_use_landmarks_can_be_turned_off(source, target):
+def test_use_of_landmarks_can_be_disabled(source, target):
     for obj in (source, target):
         add(obj, 1, 1, 0, 0)
     activate(target, source)

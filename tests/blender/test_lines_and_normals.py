@@ -65,7 +65,7 @@ def unwrapped_islands(obj):
     return cut_surface(surface, uv).island.max() + 1
 
 
-def test_a_seam_around_arrives_as_one_that_blender_unwraps_along(source, target):
+def test_transferred_seam_can_be_unwrapped(source, target):
     seams = mark_equator(source.data)
     source.data.edges.foreach_set("use_seam", seams)
     assert unwrapped_islands(source) == 2
@@ -77,7 +77,7 @@ def test_a_seam_around_arrives_as_one_that_blender_unwraps_along(source, target)
     assert unwrapped_islands(target) == 2
 
 
-def test_each_kind_of_mark_arrives_and_kinds_that_the_source_lacks_stay(source, target):
+def test_each_edge_mark_is_transferred_and_others_stay(source, target):
     loop = mark_equator(source.data)
     source.data.edges.foreach_set("use_edge_sharp", loop)
     for name in ("crease_edge", "bevel_weight_edge"):
@@ -228,7 +228,7 @@ def test_normals_of_faces_that_cancel_are_zero():
     np.testing.assert_array_equal(mesh_data.read_normals(bpy.data.objects.new("Both", mesh), mesh).values, 0)
 
 
-def test_marks_that_the_target_has_stay_if_only_missing_ones_are_wanted_or_a_mask_says_so(source, target):
+def test_target_marks_respect_missing_mode_and_mask(source, target):
     source.data.edges.foreach_set("use_seam", mark_equator(source.data))
     own = positions(target.data)[ends(target.data)][:, :, 2].mean(axis=1) > 0.4
     target.data.edges.foreach_set("use_seam", own)
@@ -247,7 +247,7 @@ def test_marks_that_the_target_has_stay_if_only_missing_ones_are_wanted_or_a_mas
     assert not masked[~inside & ~own].any()
 
 
-def test_custom_normals_of_a_posed_target_are_stored_for_its_rest(source, target):
+def test_custom_normals_of_posed_target_are_stored_at_rest(source, target):
     give_normals(source, bulging(positions(source.data))[corner_vertices(source.data)])
     target.data.shade_smooth()
     truth = bulging(positions(target.data))[corner_vertices(target.data)]
@@ -260,7 +260,7 @@ def test_custom_normals_of_a_posed_target_are_stored_for_its_rest(source, target
     assert np.median(degrees(corner_normals(target), truth)) < 1
 
 
-def test_normals_that_jump_at_sharp_edges_jump_along_the_traced_line(source, target):
+def test_normals_split_along_transferred_sharp_edges(source, target):
     loop = mark_equator(source.data, 0.0)
     source.data.shade_smooth()
     source.data.edges.foreach_set("use_edge_sharp", loop)
@@ -288,7 +288,7 @@ def test_normals_that_jump_at_sharp_edges_jump_along_the_traced_line(source, tar
     assert (error < 5).mean() > 0.97
 
 
-def test_normals_that_are_kept_as_they_are_give_way(source, target):
+def test_free_normals_are_replaced(source, target):
     if bpy.app.version < (4, 5, 0):
         pytest.skip("this version keeps no normals as they are")
     give_normals(source, bulging(positions(source.data))[corner_vertices(source.data)])
@@ -301,7 +301,7 @@ def test_normals_that_are_kept_as_they_are_give_way(source, target):
     assert np.median(degrees(corner_normals(target), truth)) < 1
 
 
-def test_what_is_not_blended_says_so(source, target):
+def test_unblendable_data_is_noted(source, target):
     give_normals(source, bulging(positions(source.data))[corner_vertices(source.data)])
     for name in ("Basis", "Smile"):
         source.shape_key_add(name=name).data[7].co.z += 0.1
@@ -310,7 +310,7 @@ def test_what_is_not_blended_says_so(source, target):
         assert sum("instead of blending" in note for note in notes) == expected
 
 
-def test_a_much_finer_target_keeps_its_normals_unless_these_are_all_that_is_wanted():
+def test_much_finer_target_keeps_normals_unless_requested_alone():
     coarse, fine = ellipsoid("Coarse", 3), ellipsoid("Fine", 5)
     give_normals(coarse, bulging(positions(coarse.data))[corner_vertices(coarse.data)])
     coarse.data.edges[3].use_seam = True
@@ -324,7 +324,7 @@ def test_a_much_finer_target_keeps_its_normals_unless_these_are_all_that_is_want
     assert fine.data.has_custom_normals
 
 
-def test_without_custom_normals_the_target_keeps_its_own(source, target):
+def test_target_keeps_normals_if_source_has_none(source, target):
     source.data.edges[3].use_seam = True
     report = transfer(source, target, "edges", "custom_normals")
     assert report["written"]["custom_normals"] == []
@@ -376,7 +376,7 @@ def lacks(data_type):
 
 @pytest.mark.parametrize("domain", ["POINT", "EDGE", "FACE", "CORNER"])
 @pytest.mark.parametrize("data_type", list(SMOOTH))
-def test_numbers_of_every_type_are_mixed(source, target, data_type, domain):
+def test_numeric_attributes_of_every_type_are_interpolated(source, target, data_type, domain):
     if lacks(data_type):
         pytest.skip(f"this version has no {data_type}")
     add_attribute(source.data, "data", data_type, domain, SMOOTH[data_type](places_of(source.data, domain)))
@@ -394,7 +394,7 @@ def test_numbers_of_every_type_are_mixed(source, target, data_type, domain):
 
 @pytest.mark.parametrize("domain", ["POINT", "EDGE", "FACE", "CORNER"])
 @pytest.mark.parametrize("data_type", list(STEPPED))
-def test_whole_numbers_of_every_type_are_voted_on(source, target, data_type, domain):
+def test_integer_attributes_of_every_type_use_majority_vote(source, target, data_type, domain):
     if lacks(data_type):
         pytest.skip(f"this version has no {data_type}")
     add_attribute(source.data, "data", data_type, domain, STEPPED[data_type](places_of(source.data, domain)[:, 0] > 0))
@@ -406,7 +406,7 @@ def test_whole_numbers_of_every_type_are_voted_on(source, target, data_type, dom
 
 
 @pytest.mark.parametrize("domain", ["POINT", "EDGE", "FACE", "CORNER"])
-def test_strings_are_voted_on(source, target, domain):
+def test_strings_use_majority_vote(source, target, domain):
     words = np.where(places_of(source.data, domain)[:, 0] > 0, b"boot", b"glove")
     for element, word in zip(source.data.attributes.new("word", "STRING", domain).data, words.tolist(), strict=True):
         element.value = word
@@ -417,7 +417,7 @@ def test_strings_are_voted_on(source, target, domain):
     assert (written == expected).mean() > 0.97
 
 
-def test_vectors_that_are_named_turn_with_the_mesh_and_others_stay(source, target, monkeypatch):
+def test_named_vectors_rotate_with_the_mesh(source, target, monkeypatch):
     solved = []
     on = frames.frames_on
     monkeypatch.setattr(frames, "frames_on", lambda *given: solved.append(given) or on(*given))
@@ -447,7 +447,7 @@ def test_vectors_that_are_named_turn_with_the_mesh_and_others_stay(source, targe
         np.testing.assert_allclose(frame[:3, :3], turn, atol=0.05)
 
 
-def test_seams_are_marked_where_the_islands_of_a_transferred_uv_map_meet(source, target):
+def test_seams_are_marked_at_island_borders_of_transferred_uvs(source, target):
     layer = source.data.uv_layers.new(name="Atlas")
     uv = positions(source.data)[corner_vertices(source.data), :2] / 10
     upper = np.repeat(face_heights(source.data) > 0, [len(polygon.vertices) for polygon in source.data.polygons])

@@ -98,7 +98,7 @@ def differences(one, other):
     return {name: np.abs(one[name] - other[name]).max() for name in one}
 
 
-def test_a_linked_target_follows_all_kinds_of_layers_as_a_transfer_writes_them(source, target):
+def test_linked_target_follows_all_layers_like_a_transfer(source, target):
     names = add_layers(source.data, 0)
     set_weights(source, "Left", np.clip(positions(source.data)[:, 0] + 0.5, 0, 1))
     shares = keep_linked(bpy.context, target)
@@ -176,7 +176,7 @@ def test_a_mesh_with_other_vertices_stops_the_link_until_the_next_match(source, 
     np.testing.assert_allclose(visible(target)["heat"], 9, rtol=1e-6)
 
 
-def test_a_layer_that_the_source_loses_stays_on_the_target(source, target):
+def test_layer_removed_from_source_stays_on_target(source, target):
     add_uv_map(source.data, "UVMap")
     keep_linked(bpy.context, target, ["uv_maps"])
     before = visible(target)["UVMap"]
@@ -199,7 +199,7 @@ def test_modifiers_below_use_the_linked_weights(source, target):
     assert np.linalg.norm(visible(target)["position"] - positions(target.data), axis=1).min() > 0.1
 
 
-def test_what_no_modifier_can_write_follows_with_an_update(source, target):
+def test_update_transfers_data_that_modifiers_cannot_write(source, target):
     source.shape_key_add(name="Basis")
     key = source.shape_key_add(name="Smile")
     set_weights(source, "Old", np.ones(len(source.data.vertices)))
@@ -322,7 +322,7 @@ def test_clearing_removes_the_link_and_keeps_the_values(source, target):
     np.testing.assert_array_equal(values(target.data, "UVMap"), uv)
 
 
-def test_what_cannot_be_linked_is_refused_before_anything_is_written(source, target):
+def test_impossible_links_are_refused_before_writing(source, target):
     add_uv_map(source.data, "UVMap")
     before = snapshot_file()
     with pytest.raises(zo.MeshError, match="Factor to 1"):

@@ -249,7 +249,7 @@ OPERATIONS: dict[str, tuple[Callable[[], object], int]] = {
 
 
 @pytest.mark.parametrize("name", OPERATIONS)
-def test_threads_of_operators_do_not_touch_blenders_data(scene, name):
+def test_threads_do_not_access_blender_data(scene, name):
     work, least = OPERATIONS[name]
     with watched_threads() as watch:
         work()
@@ -279,7 +279,7 @@ def first_name(things):
         (lambda obj: first_name([(obj,)]), "first_name holds things"),
     ],
 )
-def test_this_would_notice_if_they_did(scene, offender, offence):
+def test_access_from_threads_would_be_noticed(scene, offender, offence):
     source, _ = scene
     with watched_threads() as watch:
         as_in_a_window(compute(lambda: offender(source)))

@@ -53,7 +53,7 @@ def test_the_stored_match_is_not_reported_missing(source):
     assert mesh_data.read_detailed_mesh(source).left_out == ("crease",)
 
 
-def test_levels_have_all_data_and_are_grouped_and_named(source):
+def test_levels_have_all_data_and_expected_names(source):
     report = api.make_levels(bpy.context, source, CHOICE)
     collection = bpy.data.collections[report["collection"]]
     assert sorted(obj.name for obj in collection.objects) == ["Source_LOD0", "Source_LOD1", "Source_LOD2"]
@@ -111,7 +111,7 @@ def test_levels_replace_earlier_ones_in_the_same_collection(source):
     assert len(bpy.data.meshes) == meshes - 1
 
 
-def test_the_operator_makes_one_level_more_for_each_halving(source):
+def test_operator_makes_one_level_per_halving(source):
     source.name = "Hero_LOD0"  # it is level 0 itself
     activate(source)
     assert bpy.ops.zoomout.make_lods(lod_count=2, lod_ratio=0.6) == {"FINISHED"}
@@ -122,7 +122,7 @@ def test_the_operator_makes_one_level_more_for_each_halving(source):
     np.testing.assert_allclose(np.divide(counts[1:], counts[:-1]), 0.6, atol=0.05)
 
 
-def test_nothing_is_written_if_a_level_would_be_too_small(source):
+def test_too_small_level_writes_nothing(source):
     before = snapshot_file()
     with pytest.raises(zo.MeshError, match="A level cannot have"):
         api.make_levels(bpy.context, source, api.LevelChoice(ratios=(0.5, 0.0001)))

@@ -34,7 +34,7 @@ def test_operators_and_options_lead_to_their_page():
 
 
 @pytest.mark.parametrize("name", ["match", "transfer", "symmetry"])
-def test_panels_have_a_button_that_opens_it(name):
+def test_panels_have_a_manual_button(name):
     panel = getattr(bpy.types, f"ZOOMOUT_PT_{name}")
     layout = Layout([])
     panel.draw_header_preset(type("Drawn", (), {"layout": layout})(), Context())

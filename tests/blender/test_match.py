@@ -63,7 +63,7 @@ def triangles(mesh):
     return array.reshape(-1, 3)
 
 
-def test_a_match_finds_the_true_points_and_is_kept_on_the_target(source, target):
+def test_match_is_accurate_and_stored_on_the_target(source, target):
     activate(target, source)
     assert bpy.ops.zoomout.match() == {"FINISHED"}
     assert set(target.data.attributes.keys()) >= KEPT
@@ -86,7 +86,7 @@ def test_mirrored_objects_are_matched_to_the_true_points(source, target):
     assert np.linalg.norm(image - truth, axis=1).mean() < 0.02
 
 
-def test_a_source_with_modifiers_is_matched_as_they_leave_it(source, target):
+def test_source_is_matched_with_its_modifiers(source, target):
     finer = source.modifiers.new("Finer", "SUBSURF")
     finer.levels, finer.subdivision_type = 1, "SIMPLE"
     result = match_objects(bpy.context, source, target)
@@ -99,7 +99,7 @@ def test_a_source_with_modifiers_is_matched_as_they_leave_it(source, target):
     assert np.linalg.norm(image - truth, axis=1).mean() < 0.1
 
 
-def test_what_is_kept_is_the_match_itself(source, target):
+def test_stored_match_equals_the_result(source, target):
     result = match_objects(bpy.context, source, target, k_final=40)
     kept = stored_match.read(target.data, jobs.run(read_pair(bpy.context, "Source", "Target")))
     np.testing.assert_array_equal(kept.surface_map.triangle, result.surface_map.triangle)
@@ -110,7 +110,7 @@ def test_what_is_kept_is_the_match_itself(source, target):
 
 
 @pytest.mark.slow
-def test_the_source_in_the_sidebar_goes_before_the_selection_and_the_argument_before_both(source, target):
+def test_sidebar_source_overrides_selection_and_argument_overrides_both(source, target):
     other, third = ellipsoid("Other", 3), ellipsoid("Third", 3)
     activate(target, other)
     bpy.context.scene.zoomout.source = source
@@ -124,7 +124,7 @@ def test_the_source_in_the_sidebar_goes_before_the_selection_and_the_argument_be
     assert json.loads(target.data["zoomout_match"])["source"] == "Other"
 
 
-def test_options_come_from_the_scene_where_the_caller_leaves_them_open(source, target, monkeypatch):
+def test_omitted_options_come_from_the_scene(source, target, monkeypatch):
     seen = []
 
     def spy(source, target, **options):
@@ -159,7 +159,7 @@ def name_a_region(obj, place, what):
         set_weights(obj, what, 0.7 * inside)
 
 
-def test_names_on_both_objects_are_evidence_and_the_report_says_so(source, target):
+def test_shared_names_are_used_as_evidence_and_reported(source, target):
     for obj in (source, target):
         name_a_region(obj, (1, 0, 0), "Nose")
         name_a_region(obj, (-1, 0, 0), "MATERIAL")
@@ -183,7 +183,7 @@ def test_names_on_both_objects_are_evidence_and_the_report_says_so(source, targe
     assert stored_match.description(target.data)["notes"][0] == result.notes[0]
 
 
-def test_names_that_contradict_the_shapes_lose_and_the_report_says_so(source, target):
+def test_contradicting_names_are_ignored_and_reported(source, target):
     for obj, sign in ((source, 1), (target, -1)):
         name_a_region(obj, (sign, 0, 0), "Nose")
         name_a_region(obj, (-sign, 0, 0), "Tail")
@@ -206,7 +206,7 @@ def test_names_from_an_earlier_transfer_prove_nothing(source, target):
     assert received
 
 
-def test_the_up_axis_and_the_last_match_are_evidence_where_they_are_chosen(source, target, monkeypatch):
+def test_up_axis_and_last_match_are_optional_evidence(source, target, monkeypatch):
     for obj in (source, target):
         name_a_region(obj, (1, 0, 0), "Nose")
     last = match_objects(bpy.context, source, target, k_final=30).surface_map
@@ -272,7 +272,7 @@ def test_a_failed_match_is_one_sentence_and_leaves_the_scene_untouched(source, t
         assert snapshot_file() == before
 
 
-def test_nothing_is_written_before_the_end_so_a_cancelled_match_leaves_the_scene_untouched(source, target):
+def test_cancelled_match_changes_nothing(source, target):
     before = snapshot_file()
     for number in range(1, 5):
         job = Job(match(bpy.context, "Source", "Target", k_final=30))
@@ -329,7 +329,7 @@ def folding_pose(source):
 
 
 @pytest.mark.slow
-def test_a_match_with_a_subdivided_source_outlives_a_pose_that_folds_quads(source, target):
+def test_match_with_subdivided_source_survives_folding_pose(source, target):
     pose = folding_pose(source)
     subdivision = source.modifiers.new("Finer", "SUBSURF")
     subdivision.levels, subdivision.subdivision_type = 1, "SIMPLE"
@@ -403,7 +403,7 @@ def test_a_target_of_another_file_is_refused(source, target, tmp_path):
         match_objects(bpy.context, source, library_object)
 
 
-def test_a_source_with_a_namesake_from_another_file_is_not_mistaken_for_it(source, target, tmp_path):
+def test_linked_source_with_the_same_name_is_refused(source, target, tmp_path):
     path = str(tmp_path / "library.blend")
     bpy.data.libraries.write(path, {source})
     with bpy.data.libraries.load(path, link=True) as (_, wanted):
@@ -426,7 +426,7 @@ def test_one_match_is_one_undo_step(source, target):
     assert snapshot_file() == before
 
 
-def test_the_button_is_greyed_out_without_a_mesh_to_write_to(source, target):
+def test_operator_is_disabled_without_a_target_mesh(source, target):
     activate(target, source)
     assert bpy.ops.zoomout.match.poll()
     empty = bpy.data.objects.new("Empty", None)

@@ -41,7 +41,7 @@ def test_the_verdict_is_stored_with_the_match(source, target):
 
 
 @pytest.mark.parametrize("damaged", [["green"], ["pink", "a", "b"], "green", 3, None])
-def test_a_damaged_verdict_is_not_known(damaged):
+def test_damaged_verdict_is_ignored(damaged):
     assert stored_match.verdict_of({"verdict": damaged}) is None
 
 
@@ -58,7 +58,7 @@ def test_a_new_match_that_is_probably_wrong_stops_the_transfer_once(source, targ
 
 @pytest.mark.slow
 @pytest.mark.parametrize("operate", ["wrap", "dress"])
-def test_it_stops_a_wrap_and_a_dress_once_too(source, target, wrong, operate):
+def test_probably_wrong_match_stops_wrap_and_dress_once(source, target, wrong, operate):
     worn = ellipsoid("Shirt", 3)
     worn.scale = (1.2,) * 3
     bpy.context.view_layer.update()
@@ -73,7 +73,7 @@ def test_it_stops_a_wrap_and_a_dress_once_too(source, target, wrong, operate):
     assert getattr(api, operate)(bpy.context, source, target, *given, k_final=30, force=True)
 
 
-def test_force_transfers_all_the_same(source, target, wrong, tmp_path, capsys):
+def test_force_transfers_along_a_probably_wrong_match(source, target, wrong, tmp_path, capsys):
     add_uv_map(source.data, "Layout")
     arguments = ["transfer", "--source", "Source", "--target", "Target", "--data", "uv_maps", "--k-final", "30"]
     report = tmp_path / "report.json"
@@ -95,7 +95,7 @@ def test_force_transfers_all_the_same(source, target, wrong, tmp_path, capsys):
     assert f"zoomout:   Warning: {unused}" in capsys.readouterr().out.splitlines()
 
 
-def test_the_operator_says_what_to_press_to_use_it_all_the_same(source, target, wrong):
+def test_operator_explains_how_to_use_the_match_anyway(source, target, wrong):
     add_uv_map(source.data, "Layout")
     activate(target, source)
     with pytest.raises(RuntimeError, match=r"To use this match anyway, press Transfer\."):
@@ -149,7 +149,7 @@ def two_parts():
     return body, obj
 
 
-def test_a_map_contradicts_names_by_their_area_and_not_by_their_number():
+def test_name_contradictions_are_weighted_by_area():
     target = ball(1.0)
     vertex = np.arange(len(target.vertices))
     result = SimpleNamespace(target=target, surface_map=zo.SurfaceMap.from_vertices(vertex, target))

@@ -95,7 +95,7 @@ def test_matrices_are_read_row_by_row():
     np.testing.assert_array_equal(values_read[3], rows.ravel())
 
 
-def test_values_overwrite_a_layer_of_the_same_type_and_replace_one_of_another():
+def test_writing_overwrites_same_type_and_replaces_other_types():
     source, target = ellipsoid("Source", 2), ellipsoid("Target", 2)
     add_attribute(source.data, "data", "FLOAT", "POINT", np.arange(len(source.data.vertices)))
     add_attribute(target.data, "data", "INT", "FACE", np.zeros(len(target.data.polygons)))
@@ -118,7 +118,7 @@ def test_byte_colors_are_read_scene_linear():
     np.testing.assert_allclose(layer.attribute.values[:, 0], 0.21586, atol=1e-4)  # 128 of 255
 
 
-def test_layers_are_told_apart_by_what_blender_uses_them_for():
+def test_layers_are_classified_by_their_use_in_blender():
     mesh = ellipsoid("Source", 2).data
     add_uv_map(mesh, "UV A")
     add_uv_map(mesh, "UV B")
@@ -140,7 +140,7 @@ def test_layers_are_told_apart_by_what_blender_uses_them_for():
     assert skipped == {}
 
 
-def test_what_a_mesh_has_is_read_or_has_a_reason_why_not():
+def test_all_mesh_data_is_read_or_skipped_with_a_reason():
     source = ellipsoid("Source", 2)
     mesh = source.data
     mesh.materials.append(new_material("red"))
@@ -174,7 +174,7 @@ def test_what_a_mesh_has_is_read_or_has_a_reason_why_not():
     assert {name for name in left if not name.startswith((".select_", ".hide_", ".uv_select_"))} <= elsewhere
 
 
-def test_what_is_no_attribute_has_a_reason():
+def test_non_attribute_data_is_skipped_with_a_reason():
     source = ellipsoid("Source", 2)
     assert mesh_data.untransferable_data(source, source.data) == {}
     source.modifiers.new("Multires", "MULTIRES")
@@ -185,7 +185,7 @@ def test_what_is_no_attribute_has_a_reason():
     ("name", "data_type", "domain"),
     [(".sculpt_face_set", "INT", "FACE"), ("sharp_face", "BOOLEAN", "FACE"), (".sculpt_mask", "FLOAT", "POINT")],
 )
-def test_what_was_sculpted_and_shaded_survives_the_round_trip(name, data_type, domain):
+def test_sculpt_and_shading_data_survive_the_round_trip(name, data_type, domain):
     source, target = ellipsoid("Source", 2), ellipsoid("Target", 2)
     count = len(source.data.polygons) if domain == "FACE" else len(source.data.vertices)
     expected = random_values(data_type, count)
@@ -200,7 +200,7 @@ def test_what_was_sculpted_and_shaded_survives_the_round_trip(name, data_type, d
         assert [polygon.use_smooth for polygon in target.data.polygons] == [not sharp for sharp in expected]
 
 
-def test_a_source_is_read_as_its_modifiers_leave_it_with_all_of_its_data():
+def test_source_is_read_after_modifiers_with_all_data():
     source = ellipsoid("Source", 2)
     set_weights(source, "Bone", np.linspace(0, 1, len(source.data.vertices)))
     add_uv_map(source.data, "UVMap")
@@ -231,7 +231,7 @@ def test_a_source_is_read_as_its_modifiers_leave_it_with_all_of_its_data():
     assert len(face_slots.values) == 3 * faces
 
 
-def test_a_mirrored_object_is_read_in_world_space_with_its_outside_outside():
+def test_mirrored_object_is_read_with_outward_faces():
     source = ellipsoid("Source", 2)
     source.scale = (-2, 2, 2)
     source.location = (5, 0, 0)
@@ -252,12 +252,12 @@ def test_a_concave_polygon_is_triangulated_inside_its_outline():
 
 
 @pytest.mark.parametrize("faces", [[(0, 1, 2), (0, 2, 3), (0, 3, 5)], [(0, 1, 2), (0, 2, 3, 5)]])
-def test_faces_of_any_size_begin_where_blender_has_them(faces):
+def test_face_starts_match_those_of_blender(faces):
     mesh = from_pydata("L", L_SHAPE, faces).data
     np.testing.assert_array_equal(mesh_data.read_faces(mesh).start, [face.loop_start for face in mesh.polygons])
 
 
-def test_a_target_keeps_its_own_topology_where_modifiers_only_move_it():
+def test_deforming_modifiers_keep_the_targets_topology():
     target = ellipsoid("Target", 2)
     cast = target.modifiers.new("Cast", "CAST")
     cast.factor, cast.radius, cast.use_radius_as_size = 1.0, 2.0, False
@@ -313,7 +313,7 @@ def test_weights_survive_the_round_trip_in_the_order_of_the_groups():
     assert target.vertex_groups.active.name == "Own"
 
 
-def test_materials_are_read_as_they_are_seen():
+def test_materials_are_read_as_displayed():
     mesh = ellipsoid("Source", 1).data
     bpy.data.objects.remove(bpy.data.objects["Source"])
     mesh.materials.append(new_material("data red"))
@@ -329,7 +329,7 @@ def test_materials_are_read_as_they_are_seen():
     assert face_slots.values[[0, 3, 4]].tolist() == [0, 1, 2]
 
 
-def test_materials_are_written_by_identity_and_appended_only_where_missing():
+def test_materials_are_matched_by_identity_or_appended():
     source, target = ellipsoid("Source", 1), ellipsoid("Target", 1)
     red, green, blue = (new_material(name) for name in ("red", "green", "blue"))
     for material in (red, green, blue):

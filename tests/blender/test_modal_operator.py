@@ -86,7 +86,7 @@ def run(work, window, events):
     return results
 
 
-def test_work_goes_on_slice_by_slice_and_shows_how_far_it_is(window):
+def test_work_runs_in_slices_and_shows_progress(window):
     work = Work(count=3)
     assert run(work, window, [TICK, KEY, TICK]) == [{"RUNNING_MODAL"}] * 4
     assert window.status == "Working: 33% (ESC cancels)"
@@ -97,7 +97,7 @@ def test_work_goes_on_slice_by_slice_and_shows_how_far_it_is(window):
     assert (window.timers, window.status) == ([], None)
 
 
-def test_progress_is_drawn_now_and_then_and_the_end_of_it_at_once(window, monkeypatch):
+def test_progress_is_redrawn_occasionally_and_its_end_at_once(window, monkeypatch):
     drawn = []
     monkeypatch.setattr(
         "blender_addon.operators.modal_operator.redraw_sidebars", lambda: drawn.append(activity.running)
@@ -111,7 +111,7 @@ def test_progress_is_drawn_now_and_then_and_the_end_of_it_at_once(window, monkey
     assert drawn[1:] == [None]
 
 
-def test_the_view_can_be_turned_meanwhile_and_the_sidebar_knows_how_far_the_work_is(window):
+def test_view_stays_usable_and_sidebar_shows_progress(window):
     work = Work(count=3)
     assert run(work, window, [TICK, TICK, WHEEL])[-1] == {"PASS_THROUGH"}
     assert activity.running == zo.Progress(1 / 3, "Working")
@@ -135,20 +135,20 @@ def test_escape_ends_the_work_before_anything_is_written(window):
     assert (window.timers, window.status) == ([], None)
 
 
-def test_a_file_that_is_loaded_meanwhile_ends_the_work(window):
+def test_loading_a_file_ends_the_work(window):
     work = Work(count=3)
     run(work, window, [TICK])
     work.cancel(window)
     assert (work.written, work.closed, window.timers, window.status) == (False, True, [], None)
 
 
-def test_a_dialog_that_is_cancelled_before_the_work_leaves_nothing_to_clean_up(window):
+def test_cancelled_dialog_needs_no_cleanup(window):
     work = Work()
     work.cancel(window)
     assert (work.written, work.closed) == (False, False)
 
 
-def test_disabling_the_extension_ends_the_work_and_it_can_begin_anew(window, monkeypatch):
+def test_disabling_the_extension_ends_the_work(window, monkeypatch):
     """Blender frees operators of an unregistered class without notice."""
     override = SimpleNamespace(temp_override=lambda window: nullcontext())
     monkeypatch.setattr("blender_addon.operators.modal.bpy", SimpleNamespace(context=override))
@@ -162,7 +162,7 @@ def test_disabling_the_extension_ends_the_work_and_it_can_begin_anew(window, mon
     assert run(Work(), window, [TICK]) == [{"RUNNING_MODAL"}] * 2
 
 
-def test_where_no_window_takes_another_operator_the_work_runs_straight_through(window, monkeypatch):
+def test_work_runs_at_once_if_no_window_accepts_operators(window, monkeypatch):
     """Adding another one would crash Blender: `modal_operators` then has a dangling entry."""
     kept = SimpleNamespace(as_pointer=lambda operator: operator)
     monkeypatch.setattr("blender_addon.operators.modal.bpy", SimpleNamespace(types=SimpleNamespace(bpy_struct=kept)))

@@ -38,7 +38,7 @@ def state():
 
 
 @pytest.mark.parametrize("mode", MODES)
-def test_a_match_and_a_transfer_end_in_the_mode_that_they_began_in(source, target, mode):
+def test_match_and_transfer_restore_the_mode(source, target, mode):
     set_weights(source, "Bone", np.ones(len(source.data.vertices)))
     enter(mode)
     before = state()
@@ -57,7 +57,7 @@ def test_a_match_and_a_transfer_end_in_the_mode_that_they_began_in(source, targe
 
 
 @pytest.mark.parametrize("mode", MODES)
-def test_a_match_that_fails_ends_in_the_mode_that_it_began_in(source, target, mode):
+def test_failed_match_restores_the_mode(source, target, mode):
     source.data.clear_geometry()
     enter(mode)
     before = state()
@@ -68,7 +68,7 @@ def test_a_match_that_fails_ends_in_the_mode_that_it_began_in(source, target, mo
 
 
 @pytest.mark.parametrize("mode", MODES)
-def test_what_was_done_in_a_mode_is_one_step_to_undo(source, target, mode):
+def test_operation_in_a_mode_is_one_undo_step(source, target, mode):
     set_weights(source, "Bone", np.ones(len(source.data.vertices)))
     bpy.ops.ed.undo_push(message="before")
     bpy.ops.object.mode_set("EXEC_DEFAULT", True, mode=mode)
@@ -86,7 +86,7 @@ def test_what_was_done_in_a_mode_is_one_step_to_undo(source, target, mode):
     assert stored_match.description(bpy.data.objects["Target"].data) is not None
 
 
-def test_what_was_edited_but_not_yet_written_to_the_mesh_is_matched(source, target):
+def test_unsaved_edit_mode_changes_are_matched(source, target):
     enter("EDIT")
     editable = bmesh.from_edit_mesh(target.data)
     editable.verts.ensure_lookup_table()
@@ -110,7 +110,7 @@ def test_the_selection_in_edit_mode_stays(source, target):
     assert [vertex.index for vertex in editable.select_history] == [5, 9]
 
 
-def test_sculpting_with_a_changing_topology_is_matched_as_it_is(source, target):
+def test_dyntopo_sculpt_is_matched_as_it_is(source, target):
     """Dyntopo triangulates quads at once; the mesh has the triangles after leaving Sculpt Mode."""
     round_mesh = bmesh.new()
     bmesh.ops.create_uvsphere(round_mesh, u_segments=16, v_segments=12, radius=1)
@@ -127,7 +127,7 @@ def test_sculpting_with_a_changing_topology_is_matched_as_it_is(source, target):
 
 
 @pytest.mark.parametrize("with_source", [True, False])
-def test_objects_are_edited_together_again_and_no_others(source, target, with_source):
+def test_multi_object_editing_is_restored(source, target, with_source):
     bystander = ellipsoid("Bystander", 2)
     activate(target, *([source] if with_source else []))
     bpy.context.scene.zoomout.source = source
@@ -141,7 +141,7 @@ def test_objects_are_edited_together_again_and_no_others(source, target, with_so
     assert state() == before
 
 
-def test_no_mode_is_entered_where_another_object_was_made_active_meanwhile(source, target):
+def test_mode_is_not_restored_if_another_object_became_active(source, target):
     enter("SCULPT")
     left = modes.leave(bpy.context, Work())
     bpy.context.view_layer.objects.active = source
@@ -170,7 +170,7 @@ def window(monkeypatch):
 
 @pytest.mark.parametrize("mode", MODES)
 @pytest.mark.parametrize("end", ["finished", "failed", "escape"])
-def test_work_in_slices_is_in_object_mode_and_ends_in_the_one_before(target, window, mode, end):
+def test_sliced_work_runs_in_object_mode_and_restores_the_mode(target, window, mode, end):
     enter(mode)
     before = state()
     work = Work(count=1, error=zo.MeshError("No.") if end == "failed" else None)
@@ -195,7 +195,7 @@ def timers(monkeypatch):
 
 
 @pytest.mark.parametrize("mode", MODES)
-def test_in_a_window_modes_with_undo_steps_of_their_own_come_back_after_that_of_the_operator(target, timers, mode):
+def test_modes_with_own_undo_return_after_the_operators_step(target, timers, mode):
     enter(mode)
     before = state()
     assert Work().execute(bpy.context) == {"FINISHED"}
@@ -206,7 +206,7 @@ def test_in_a_window_modes_with_undo_steps_of_their_own_come_back_after_that_of_
     assert state() == before
 
 
-def test_work_that_blender_ends_comes_back_when_that_is_idle(target, timers, window):
+def test_work_ended_by_blender_restores_the_mode_when_idle(target, timers, window):
     enter("SCULPT")
     work = Work()
     work.invoke(window, None)
@@ -217,7 +217,7 @@ def test_work_that_blender_ends_comes_back_when_that_is_idle(target, timers, win
     assert bpy.context.mode == "SCULPT"
 
 
-def test_the_mode_of_a_window_that_was_closed_does_not_come_back(target, timers):
+def test_mode_of_a_closed_window_is_not_restored(target, timers):
     enter("SCULPT")
     left = modes.leave(bpy.context, Work())
     modes.come_back_later(SimpleNamespace(window=None), left)
@@ -226,7 +226,7 @@ def test_the_mode_of_a_window_that_was_closed_does_not_come_back(target, timers)
 
 
 @pytest.mark.parametrize("mode", MODES)
-def test_symmetries_and_landmarks_are_worked_on_in_other_modes(body, mode):
+def test_symmetry_and_landmark_operators_work_in_other_modes(body, mode):
     set_weights(body, "Arm.L", np.linspace(0, 1, len(body.data.vertices)))
     bpy.context.scene.zoomout.source = link("Other", body.data.copy())
     enter(mode)

@@ -69,7 +69,7 @@ def in_target(target, points):
 
 
 @pytest.mark.parametrize("place", [None, PLACE], ids=["in place", "elsewhere"])
-def test_bones_are_at_the_same_places_in_the_target(place):
+def test_bones_move_to_corresponding_places(place):
     source, armature = source_and_rig()
     target, _ = other_build(place)
     stood, before = visible_positions(target), snapshot(source)
@@ -265,7 +265,7 @@ def test_lengths_in_constraints_scale_with_the_build():
     assert made.pose.bones["Upper"].constraints[0].distance == pytest.approx(1.5 * 4.5, rel=0.05)
 
 
-def test_bones_that_constraints_turn_at_rest_are_noted():
+def test_bones_turned_by_constraints_at_rest_are_noted():
     source, armature = source_and_rig()
     goal = link("Goal", None)
     goal.location = (0, 0, 12)
@@ -278,7 +278,7 @@ def test_bones_that_constraints_turn_at_rest_are_noted():
     assert set(mesh_data.bends_at_rest(armature, made)) == {"Upper"}
 
 
-def test_a_rig_with_actions_in_nla_tracks_is_moved_unless_they_move_the_armature():
+def test_nla_actions_block_moving_only_if_they_move_the_armature():
     _, armature = source_and_rig()
     for path, moves in (('pose.bones["Upper"].location', False), ("location", True)):
         armature.keyframe_insert(path, frame=1)
@@ -288,7 +288,7 @@ def test_a_rig_with_actions_in_nla_tracks_is_moved_unless_they_move_the_armature
         assert mesh_data.moves_by_itself(armature) == moves
 
 
-def test_what_cannot_be_moved_is_refused_and_nothing_is_written():
+def test_immovable_rigs_are_refused_and_nothing_is_written():
     source, armature = source_and_rig()
     target, _ = other_build()
     armature.keyframe_insert("location", frame=1)

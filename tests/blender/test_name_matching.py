@@ -36,7 +36,7 @@ def test_the_name_of_the_character_is_not_compared():
     }
 
 
-def test_equal_names_bind_whatever_number_was_appended():
+def test_equal_names_match_despite_appended_numbers():
     sources, targets = ["visor", "suit", "suit visor"], ["suit.001", "visor.001", "belt"]
     assert pairs(sources, targets) == {("visor", "visor.001"), ("suit", "suit.001")}
 
@@ -47,7 +47,7 @@ def test_left_is_not_right():
     assert pairs(sources, targets) == {("HeroGlove.L", "Scan left glove"), ("HeroGlove.R", "Scan right glove")}
 
 
-def test_a_name_without_a_side_is_of_neither():
+def test_name_without_side_matches_neither_side():
     assert pairs(["Boot.L", "Hat"], ["Boots", "Cap"]) == set()
 
 
@@ -62,7 +62,7 @@ def test_a_name_without_a_side_is_of_neither():
         (["Arm upper", "Leg upper", "Head"], ["Arm lower", "Leg lower", "Head band"]),
     ],
 )
-def test_what_is_not_clear_is_no_pair(sources, targets):
+def test_ambiguous_names_are_not_paired(sources, targets):
     assert pairs(sources, targets) == set()
 
 

@@ -104,7 +104,7 @@ def raised_weights(points, height):
     return weights_of(points - [0, 0, height]).toarray()
 
 
-def test_the_outfits_own_bones_come_along():
+def test_outfit_bones_are_added_to_the_armature():
     body, armature = source_and_rig()
     tail = tail_and_chain(armature)
     target, other = own_target(body, armature)
@@ -128,7 +128,7 @@ def test_the_outfits_own_bones_come_along():
     assert any("to which 2 bones of their own were added" in note for note in report["notes"])
 
 
-def test_the_armature_stays_as_it_was_if_constraints_cannot_be_copied(monkeypatch):
+def test_failed_constraint_copy_restores_the_armature(monkeypatch):
     body, armature = source_and_rig()
     tail = tail_and_chain(armature)
     target, other = own_target(body, armature)
@@ -211,7 +211,7 @@ def test_bones_without_a_partner_are_reported():
     assert "Middle" in copy.vertex_groups
 
 
-def test_bones_that_the_target_has_itself_stay_as_they_are():
+def test_existing_bones_of_the_target_are_unchanged():
     body, armature = source_and_rig()
     tail = tail_and_chain(armature)
     target, other = own_target(body, armature)

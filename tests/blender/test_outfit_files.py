@@ -102,7 +102,7 @@ def test_the_command_resumes_and_writes_the_report(avatars, tmp_path, capsys):
     assert (output / "dressed" / "naked" / "dressed.fbx").is_file()
 
 
-def test_what_cannot_be_worn_is_one_sentence(tmp_path, capsys):
+def test_unwearable_inputs_give_one_sentence(tmp_path, capsys):
     body, armature = source_and_rig()
     body.name = "Body"
     for name in ("one.blend", "two.blend"):

@@ -21,7 +21,7 @@ def drawn():
     return {name: np.array(pixels) for name, pixels in json.loads(line.removeprefix("DRAWN ")).items()}
 
 
-def test_colours_of_vertices_are_drawn_between_them(drawn):
+def test_vertex_colours_are_interpolated(drawn):
     pixels = drawn["colors"]
     assert (pixels[..., 3] == 1).all()
     corners = pixels[[0, 0, -1, -1], [0, -1, -1, 0], :3]
@@ -29,7 +29,7 @@ def test_colours_of_vertices_are_drawn_between_them(drawn):
     np.testing.assert_allclose(pixels[8, 8, :3], [0.5, 0.25, 0.25], atol=0.3)
 
 
-def test_uvs_are_drawn_as_squares_of_two_lights(drawn):
+def test_uvs_are_drawn_as_a_checker(drawn):
     light = drawn["checker"][..., 1]
     assert ((light < 0.2) | (light > 0.5)).mean() > 0.9
     assert 0.3 < (light > 0.5).mean() < 0.7
@@ -43,7 +43,7 @@ def ink(drawn, name):
     return found != found[0, 0]
 
 
-def test_a_square_that_is_seen_large_has_its_column_and_row(drawn):
+def test_large_checker_square_shows_its_column_and_row(drawn):
     dots = ["".join(" #"[int(dot)] for dot in row) for row in ink(drawn, "letters")]
     assert dots == [
         "         ",

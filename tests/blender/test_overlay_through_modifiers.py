@@ -34,7 +34,7 @@ def shown(source, target):
 
 
 @pytest.mark.parametrize("kind", ["SUBSURF", "MULTIRES", "MIRROR", "ARRAY", "SOLIDIFY", "NODES", "BEVEL"])
-def test_what_modifiers_make_is_coloured_as_the_mesh_and_nothing_else_is_touched(target, shown, kind):
+def test_modifier_geometry_is_coloured_like_the_mesh(target, shown, kind):
     add_modifier(target, kind)
     before = snapshot_file()
     assert seen() is None  # copies are not made while the views are drawn
@@ -66,7 +66,7 @@ def test_colours_follow_a_modifier_that_is_added_changed_or_removed(target, show
     assert len(seen()["color"]) == len(shown)
 
 
-def test_a_checker_is_drawn_on_what_modifiers_make(source, target):
+def test_checker_is_drawn_on_modifier_geometry(source, target):
     add_uv_map(source.data, "UVMap")
     add_modifier(target, "SUBSURF")
     match_objects(bpy.context, source, target, initial="nearest")
@@ -77,7 +77,7 @@ def test_a_checker_is_drawn_on_what_modifiers_make(source, target):
     assert len(seen()["color"]) == len(evaluated(target).loops)
 
 
-def test_where_modifiers_lose_the_colours_the_legend_says_so(target, shown):
+def test_legend_reports_colours_lost_by_modifiers(target, shown):
     plane = bpy.data.node_groups.new("Other", "GeometryNodeTree")
     plane.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
     made, end = plane.nodes.new("GeometryNodeMeshGrid"), plane.nodes.new("NodeGroupOutput")
@@ -90,7 +90,7 @@ def test_where_modifiers_lose_the_colours_the_legend_says_so(target, shown):
     assert preview.legend(preview.current()) == preview.LOST
 
 
-def test_in_other_modes_the_legend_says_where_the_colours_are(target, shown):
+def test_legend_explains_hidden_colours_in_other_modes(target, shown):
     bpy.ops.object.mode_set(mode="SCULPT")
     assert preview.legend(preview.current()) == preview.HIDDEN
     bpy.ops.object.mode_set(mode="OBJECT")

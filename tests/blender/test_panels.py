@@ -74,7 +74,7 @@ def open_notes(monkeypatch):
     monkeypatch.setattr(drawing, "OPENED", {result.NOTES})
 
 
-def test_a_fresh_scene_shows_who_is_matched_and_one_button(target):
+def test_fresh_scene_shows_objects_and_one_button(target):
     rows = [text for kind, text, _ in drawn() if kind == "label"][:4]
     assert rows == ["Selected", "Source", "Target", "Target"]
     assert buttons()["Match"]
@@ -91,7 +91,7 @@ def place_of_button():
     return next(place for place, (kind, text, _) in enumerate(drawn()) if (kind, text) == ("operator", "Match"))
 
 
-def test_doubts_that_arrive_late_do_not_move_the_button(source, target):
+def test_late_warnings_do_not_move_the_button(source, target):
     before = place_of_button()
     bpy.ops.mesh.primitive_ico_sphere_add(location=(0, 0, 3))
     activate(source, bpy.context.active_object)
@@ -115,7 +115,7 @@ def test_after_a_match_its_verdict_replaces_the_doubt_about_loose_parts(source, 
     assert "Loose parts" not in texts()
 
 
-def test_lines_are_as_long_as_fits_in_letters_of_any_width():
+def test_text_is_wrapped_by_its_drawn_width():
     text = "The match is right as a whole (over 99% certain). " + "対応は全体として正しいです。" * 4
     blf.size(sidebar.FONT, 11)
     lines = sidebar._wrap(text, 200)
@@ -147,7 +147,7 @@ def test_names_of_settings_fit_a_sidebar_of_the_default_width():
             assert blf.dimensions(sidebar.FONT, setting.name)[0] <= width, setting.name
 
 
-def test_check_marks_say_how_much_the_source_has_and_those_of_nothing_are_grey(target):
+def test_check_marks_show_source_counts_and_empty_ones_are_grey(target):
     drawn()
     mesh_facts.inspect_now()
     everything = drawn()
@@ -181,7 +181,7 @@ def test_candidates_are_named_and_a_mirror_image_has_no_check_mark(source, targe
     assert ("mark", "CHECKMARK", True) not in drawn()
 
 
-def test_other_candidates_are_at_most_as_likely_as_the_first_one_leaves_them():
+def test_candidate_likelihoods_do_not_exceed_the_remainder():
     def words(*certainties):
         candidates = [SimpleNamespace(certainty=certainty) for certainty in certainties]
         listing = SimpleNamespace(candidates=candidates)
@@ -203,7 +203,7 @@ def test_a_report_lists_what_was_skipped_then_warnings_then_notes(source, target
     assert [marks[text] for text in listed] == ["CANCEL", "ERROR", "DOT", "DOT"]
 
 
-def test_the_report_bears_the_mark_of_its_verdict(source, target):
+def test_report_shows_the_icon_of_its_verdict(source, target):
     transfer_objects(bpy.context, source, target, ["uv_maps"], k_final=30)
     marks = [text for kind, text, _ in drawn() if kind == "mark"]
     assert marks.count("CHECKMARK") == 2
@@ -222,13 +222,13 @@ def test_a_note_on_the_certainty_does_not_repeat_the_verdict(source, target):
     assert "probability of only 60%" in texts()
 
 
-def test_no_two_candidates_share_a_name():
+def test_candidate_names_are_unique():
     candidates = [SimpleNamespace(difference=name) for name in ("BEST", "LEGS", "SIDES", "LEGS", "LEGS")]
     names = result._names(SimpleNamespace(candidates=candidates))
     assert names == ["Most Likely", "Legs Swapped", "Sides Swapped", "Legs Swapped 2", "Legs Swapped 3"]
 
 
-def test_a_candidate_is_no_higher_than_two_buttons(source, target, monkeypatch):
+def test_candidate_thumbnail_is_at_most_two_buttons_high(source, target, monkeypatch):
     match_objects(bpy.context, source, target, k_final=30)
     monkeypatch.setattr(drawing, "OPENED", {result.CERTAIN, result.UNCERTAIN})
     listing = stored_candidates.read(target.data)
@@ -241,7 +241,7 @@ def test_a_candidate_is_no_higher_than_two_buttons(source, target, monkeypatch):
     assert column.scale_y == max(heights)  # its text is in the middle of the thumbnail
 
 
-def test_notes_on_a_match_are_folded_up_and_their_header_warns(source, target):
+def test_match_notes_are_collapsed_with_a_warning_icon(source, target):
     match_objects(bpy.context, source, target, k_final=30)
     kept = stored_match.description(target.data)
     for note, icon in ((message("A note"), "NONE"), (warning("A warning"), "ERROR")):
@@ -253,7 +253,7 @@ def test_notes_on_a_match_are_folded_up_and_their_header_warns(source, target):
     assert "Notes" not in texts()  # the verdict says it
 
 
-def test_no_button_moves_whatever_is_shown(source, target):
+def test_buttons_do_not_move_when_previews_change(source, target):
     match_objects(bpy.context, source, target, k_final=30)
     labels = [text for kind, text, _ in drawn() if kind == "label"]
     for kind in preview.OF_MATCH:
@@ -271,7 +271,7 @@ def test_all_check_marks_are_set_or_cleared_at_once(target):
     assert "shape" not in settings.data()
 
 
-def test_what_stands_in_the_way_greys_the_button_and_says_what_to_do(target):
+def test_blocked_button_is_disabled_with_a_reason(target):
     target.data.clear_geometry()
     bpy.context.view_layer.update()
     assert "'Target' has no faces: choose a mesh with a surface." in texts()
@@ -279,7 +279,7 @@ def test_what_stands_in_the_way_greys_the_button_and_says_what_to_do(target):
     assert buttons()["Match and Transfer"] is False
 
 
-def test_a_match_shows_its_result_and_after_an_edit_that_it_is_out_of_date(source, target, open_notes):
+def test_match_result_is_shown_until_edited(source, target, open_notes):
     match_objects(bpy.context, source, target, k_final=30)
     shown = buttons()
     for name in (
@@ -313,7 +313,7 @@ def test_a_match_shows_its_result_and_after_an_edit_that_it_is_out_of_date(sourc
     assert [shown[name] for name in ("Transfer", "Confidence", "Swap Sides")] == [False] * 3
 
 
-def test_the_verdict_is_shown_below_the_button_with_what_to_do(source, target):
+def test_verdict_and_advice_are_shown_below_the_button(source, target):
     match_objects(bpy.context, source, target, k_final=30)
     assert ("mark", "CHECKMARK", True) in drawn()
     kept = stored_match.description(target.data)
@@ -328,7 +328,7 @@ def test_the_verdict_is_shown_below_the_button_with_what_to_do(source, target):
 
 
 @pytest.mark.slow
-def test_a_match_says_when_landmarks_or_the_source_have_changed_since(source, target, open_notes):
+def test_changed_landmarks_or_source_are_shown_after_a_match(source, target, open_notes):
     def changed():
         return "Landmarks have changed since the match" in texts()
 
@@ -372,7 +372,7 @@ def test_the_rows_of_objects_do_not_depend_on_the_selection(source, target):
     assert all(each == found[0] for each in found)
 
 
-def test_buttons_say_how_many_targets_there_are(source, target):
+def test_buttons_show_the_number_of_targets(source, target):
     bpy.context.scene.zoomout.source = source
     third = ellipsoid("Third", 4)
     activate(target, third, source)
@@ -394,27 +394,27 @@ def test_buttons_say_how_many_targets_there_are(source, target):
     assert buttons()["Match"] is False
 
 
-def test_colours_can_be_taken_away_from_what_is_out_of_date(source, target):
+def test_outdated_colours_can_be_removed(source, target):
     match_objects(bpy.context, source, target, k_final=30)
     bpy.ops.zoomout.preview(kind="PLACES")
     target.data.vertices.add(1)
     assert (buttons()["Matching Colors"], buttons()[""]) == (False, True)
 
 
-def test_a_mesh_of_few_vertices_is_warned_of_before_its_symmetry_is_sought(target):
+def test_symmetry_panel_warns_of_few_vertices(target):
     assert "The mesh has few vertices: " not in texts()
     activate(ellipsoid("Ball", 1))
     assert "The mesh has few vertices: " in texts()
 
 
-def test_half_a_mesh_is_warned_of_before_its_symmetry_is_sought(target):
+def test_symmetry_panel_warns_of_mirror_modifier(target):
     modifier = target.modifiers.new("Mirror", "MIRROR")
     assert "The modifier 'Mirror' creates the other half of the mesh: apply it first" in texts()
     modifier.show_viewport = False
     assert "other half" not in texts()
 
 
-def test_a_symmetry_shows_its_candidates_and_what_can_be_seen_of_it(body):
+def test_symmetry_panel_shows_candidates_and_previews(body):
     assert "Detect Again" in buttons()
     chosen = stored_symmetry.description(body.data)["candidates"][0]
     for name in (f"Reflection, {chosen['certainty']:.0%}", "Swap Sides", "Pairs", "Sides", "Asymmetry"):
@@ -440,14 +440,14 @@ def test_a_transfer_shows_its_report(source, target):
     assert "Transferred 1 vertex group" in texts()
 
 
-def test_work_that_goes_on_stands_in_the_place_of_the_buttons(target, monkeypatch):
+def test_running_work_replaces_the_buttons(target, monkeypatch):
     monkeypatch.setattr(activity, "running", Progress(0.3, "Guessing"))
     assert ("progress", "Guessing", 0.3) in drawn()
     assert "Match" not in buttons()
     assert not bpy.ops.zoomout.match.poll()
 
 
-def test_clothes_have_their_own_options(target):
+def test_nearest_start_has_its_own_options(target):
     bpy.context.scene.zoomout.initial = "NEAREST"
     names = {name for kind, name, _ in drawn() if kind == "prop"}
     assert names >= {"most_distance", "most_angle", "either_side"}

@@ -70,7 +70,7 @@ def transfer(source, target, *data, **settings):
 # --- kept, seen and said --------------------------------------------------------------------------------------------
 
 
-def test_what_has_no_partner_is_kept_with_the_match(source, target):
+def test_partner_mask_is_stored_with_the_match(source, target):
     pair = jobs.run(read_pair(bpy.context, "Source", "Target"))
     kept = stored_match.read(target.data, pair)
     np.testing.assert_array_equal(kept.has_partner, ~alone(target))
@@ -91,7 +91,7 @@ def test_what_has_no_partner_is_kept_with_the_match(source, target):
     assert "zoomout_has_partner" not in target.data.attributes
 
 
-def test_confidence_shows_what_has_no_partner_in_a_colour_of_its_own_on_both(source, target):
+def test_confidence_preview_colours_missing_partners(source, target):
     bpy.ops.zoomout.preview(kind="CONFIDENCE")
     shown = {overlay.find(one.object_uid).name: one.values for one in overlay.overlays()}
     np.testing.assert_allclose(shown["Target"], np.where(alone(target)[:, None], LONELY, confidence_colors([0.9])))
@@ -101,7 +101,7 @@ def test_confidence_shows_what_has_no_partner_in_a_colour_of_its_own_on_both(sou
     assert "Violet: no partner" in preview.legend(preview.preview_of(target))
 
 
-def test_a_source_all_of_which_has_a_partner_is_not_coloured(source, target):
+def test_source_with_all_partners_is_not_coloured(source, target):
     pair = jobs.run(read_pair(bpy.context, "Source", "Target"))
     kept = stored_match.read(target.data, pair)
     everywhere = np.ones(len(source.data.vertices), dtype=bool)
@@ -115,7 +115,7 @@ def test_a_source_all_of_which_has_a_partner_is_not_coloured(source, target):
     assert [overlay.find(one.object_uid).name for one in overlay.overlays()] == ["Target"]
 
 
-def test_the_operator_says_it_where_it_is_much(source, target):
+def test_operator_reports_large_areas_without_partner(source, target):
     kept = stored_match.read(target.data, jobs.run(read_pair(bpy.context, "Source", "Target")))
     said = _summary("Source", Outcome({"Target": kept}, {}))
     assert said.endswith("; 12% of the target and 34% of the source have no partner")
@@ -124,7 +124,7 @@ def test_the_operator_says_it_where_it_is_much(source, target):
     assert "no partner" not in _summary("Source", Outcome({"Target": kept, "Other": kept}, {}))
 
 
-def test_a_leg_finds_its_body_and_all_doors_say_what_of_it_is_missing():
+def test_partial_match_reports_missing_areas_consistently():
     part, whole = lower_half(1500)
     source = from_pydata("Source", whole.surface.vertices, whole.surface.triangles)
     target = from_pydata("Target", part.surface.vertices, part.surface.triangles)
@@ -196,7 +196,7 @@ def deep(obj):
 
 
 @pytest.mark.parametrize(("how", "expected"), [("fill", 0.8), ("keep", 0.3)])
-def test_every_kind_of_data_is_filled_in_or_left_as_it_is(source, target, how, expected):
+def test_missing_areas_are_filled_in_or_kept_for_every_kind(source, target, how, expected):
     """The source has another value at the wrong images."""
     dressed(target, 0.3)
     dressed(source, 0.8)
@@ -230,7 +230,7 @@ def spoil(obj, where):
     mesh.shape_keys.key_blocks["Up"].points.foreach_set("co", key.ravel())
 
 
-def test_custom_normals_can_be_left_as_they_are(source, target):
+def test_custom_normals_without_partner_can_be_kept(source, target):
     turned = np.tile([0.0, 0.6, 0.8], (len(source.data.loops), 1))
     source.data.normals_split_custom_set(turned.tolist())
     before = np.array([corner.vector for corner in target.data.corner_normals])
@@ -243,7 +243,7 @@ def test_custom_normals_can_be_left_as_they_are(source, target):
     assert np.abs(after[rest] - before[rest]).max() > 0.5
 
 
-def test_the_option_is_there_for_operators(source, target):
+def test_operator_has_the_without_partner_option(source, target):
     dressed(target, 0.3)
     dressed(source, 0.8)
     assert bpy.ops.zoomout.transfer(without_partner="KEEP", shape_keys=False, materials=False) == {"FINISHED"}

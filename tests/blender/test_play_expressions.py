@@ -87,7 +87,7 @@ def test_stretched_vertices_are_red_for_the_key_that_stretches_them(pair, operat
     assert overlay.overlays() == ()
 
 
-def test_faces_that_a_key_pushes_through_others_are_red(pair, operator, monkeypatch):
+def test_intersecting_faces_of_the_played_key_are_red(pair, operator, monkeypatch):
     _, target = pair
     monkeypatch.setattr(expressions, "find_stretched", lambda *_: {})
     for point in target.data.shape_keys.key_blocks["jawOpen"].points:
@@ -136,7 +136,7 @@ def test_driven_muted_and_animated_keys_are_played_and_restored(empty_scene):
     assert [block.name for block in blocks if block.mute] == ["cheekPuff"]
 
 
-def test_what_cannot_be_played_is_said(empty_scene):
+def test_playing_requires_relative_keys(empty_scene):
     plain = ellipsoid("Plain", 2)
     activate(plain)
     assert not bpy.ops.zoomout.play_expressions.poll()

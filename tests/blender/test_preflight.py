@@ -35,7 +35,7 @@ def edit_through_another_object(target, source):
     bpy.context.view_layer.objects.active = target
 
 
-def test_nothing_is_said_where_nothing_is_wrong(target):
+def test_valid_scene_has_no_findings(target):
     assert found() == ([], [])
 
 
@@ -57,7 +57,7 @@ def test_nothing_is_said_where_nothing_is_wrong(target):
         ),
     ],
 )
-def test_what_stands_in_the_way_is_said_alone(source, target, defect, sentence):
+def test_blocking_problem_is_reported_alone(source, target, defect, sentence):
     if defect == "no target":
         bpy.context.view_layer.objects.active = None
     elif defect == "no target of a source":
@@ -85,7 +85,7 @@ def test_what_stands_in_the_way_is_said_alone(source, target, defect, sentence):
 
 
 @pytest.mark.parametrize("is_chosen", [False, True])
-def test_a_source_that_is_disabled_since_it_was_matched_is_to_be_enabled(source, target, is_chosen):
+def test_disabled_matched_source_is_reported(source, target, is_chosen):
     match_objects(bpy.context, source, target, k_final=30)
     activate(target)
     bpy.context.scene.zoomout.source = source if is_chosen else None  # Blender may evaluate it all the same
@@ -97,7 +97,7 @@ def test_a_source_that_is_disabled_since_it_was_matched_is_to_be_enabled(source,
         match_objects(bpy.context, source, target, k_final=30)
 
 
-def test_a_linked_target_is_to_be_made_local(source, target, tmp_path):
+def test_linked_target_is_reported(source, target, tmp_path):
     bpy.data.libraries.write(str(tmp_path / "library.blend"), {target})
     with bpy.data.libraries.load(str(tmp_path / "library.blend"), link=True) as (_, linked):
         linked.objects = ["Target"]
@@ -107,7 +107,7 @@ def test_a_linked_target_is_to_be_made_local(source, target, tmp_path):
     assert not bpy.ops.zoomout.match.poll()
 
 
-def test_pieces_of_one_character_are_better_matched_together(source, target):
+def test_parts_of_one_character_suggest_collections(source, target):
     rig = bpy.data.objects.new("Rig", None)
     bpy.context.scene.collection.objects.link(rig)
     other = ellipsoid("Other", 5)
@@ -122,7 +122,7 @@ def test_pieces_of_one_character_are_better_matched_together(source, target):
 
 
 @pytest.mark.parametrize("defect", ["parts", "crowded", "mirrored", "few", "shared"])
-def test_what_is_doubtful_is_said_and_leaves_the_way_free(source, target, defect):
+def test_warnings_do_not_block(source, target, defect):
     if defect == "parts":
         eyes = [ellipsoid(name, 2) for name in ("Left Eye", "Right Eye")]
         for place, eye in enumerate(eyes, start=2):
@@ -152,7 +152,7 @@ def test_what_is_doubtful_is_said_and_leaves_the_way_free(source, target, defect
     assert sentence.startswith(expected)
 
 
-def test_parts_are_counted_once_both_meshes_are_known_and_the_count_stays_after_an_edit(source, target):
+def test_loose_parts_are_counted_once_both_meshes_are_known(source, target):
     eye = ellipsoid("Eye", 2)
     eye.location.z = 2
     bpy.context.view_layer.update()
@@ -171,7 +171,7 @@ def test_parts_are_counted_once_both_meshes_are_known_and_the_count_stays_after_
     assert [one.text for one in preflight.findings(bpy.context)] == doubtful
 
 
-def test_parts_that_only_lie_open_at_a_seam_are_one(source):
+def test_vertices_split_at_seams_are_one_part(source):
     """Some exporters give every face its own vertices."""
     points = positions(source.data)[np.array([polygon.vertices for polygon in source.data.polygons])].reshape(-1, 3)
     split = from_pydata("Split", points.tolist(), np.arange(len(points)).reshape(-1, 3).tolist())
@@ -196,7 +196,7 @@ def test_facts_are_kept_until_an_edit(target):
     assert mesh_facts.facts(target).content == content_hash(target.data) != known.content
 
 
-def test_an_edit_during_a_look_makes_it_void(target):
+def test_edit_during_inspection_discards_its_result(target):
     bpy.context.view_layer.update()
     mesh_facts.facts(target)
     looking = turns(Job(mesh_facts._inspections()))
@@ -209,7 +209,7 @@ def test_an_edit_during_a_look_makes_it_void(target):
 
 
 @pytest.mark.parametrize("edit", ["target moved", "source moved", "source divided", "target mirrored", "gone"])
-def test_a_match_that_is_out_of_date_says_so_in_passing(source, target, edit):
+def test_outdated_match_is_detected_while_drawing(source, target, edit):
     match_objects(bpy.context, source, target, k_final=30)
     preflight.stale(bpy.context, target)
     mesh_facts.inspect_now()

@@ -37,7 +37,7 @@ def sizes(prepared):
     return [tuple(len(surface.vertices) for surface in pair[:2]) for pair in prepared]
 
 
-def test_a_match_finds_its_shapes_analysed(source, target, monkeypatch):
+def test_match_reuses_prepared_analyses(source, target, monkeypatch):
     zo.forget_shapes()
     run(service.prepare_ahead(bpy.context, "Source", "Target", detail="fast"))
     monkeypatch.setattr(memory_cache, "analyse", None)
@@ -54,7 +54,7 @@ def test_each_selected_pair_is_prepared_once(source, target, prepared):
     assert sizes(prepared) == [(len(source.data.vertices), len(each.data.vertices)) for each in (target, other)]
 
 
-def test_it_is_prepared_for_the_chosen_detail(source, target, prepared):
+def test_preparation_uses_the_chosen_detail(source, target, prepared):
     bpy.context.scene.zoomout.detail = "FAST"
     advance()
     bpy.context.scene.zoomout.detail = "FINE"
@@ -72,7 +72,7 @@ def test_an_edited_mesh_is_prepared_again(source, target, prepared):
 
 
 @pytest.mark.parametrize("reason", ["alone", "edit mode", "at work", "same order", "large", "shared", "copied"])
-def test_nothing_is_prepared_that_no_match_can_use(source, target, prepared, monkeypatch, reason):
+def test_unusable_pairs_are_not_prepared(source, target, prepared, monkeypatch, reason):
     if reason == "alone":
         activate(target)
     elif reason == "edit mode":
@@ -93,7 +93,7 @@ def test_nothing_is_prepared_that_no_match_can_use(source, target, prepared, mon
         bpy.ops.object.mode_set(mode="OBJECT")
 
 
-def test_a_mesh_that_cannot_be_read_is_left_to_the_match(source, target, monkeypatch):
+def test_unreadable_mesh_is_tried_once(source, target, monkeypatch):
     tried = []
 
     def refuse(*_):
@@ -106,7 +106,7 @@ def test_a_mesh_that_cannot_be_read_is_left_to_the_match(source, target, monkeyp
     assert tried == [True]
 
 
-def test_operators_and_loaded_files_end_it(source, target, prepared, monkeypatch):
+def test_operators_and_loaded_files_stop_preparation(source, target, prepared, monkeypatch):
     assert ahead.advance(bpy.context)
     watch.forget_everything()
     assert ahead._job is None
@@ -116,7 +116,7 @@ def test_operators_and_loaded_files_end_it(source, target, prepared, monkeypatch
     assert ahead._job is None
 
 
-def test_the_preferences_decide(monkeypatch):
+def test_preferences_control_preparation(monkeypatch):
     registered = []
     timers = SimpleNamespace(is_registered=lambda tick: False, register=lambda tick, **_: registered.append(tick))
     monkeypatch.setattr(

@@ -39,7 +39,7 @@ def changed(group):
     ("what", "groups"),
     [("match", [MatchOptions]), ("transfer", [TransferOptions, BlendOptions, BindChoice, BindOptions, BindView])],
 )
-def test_options_are_kept_by_name_and_come_back(folder, what, groups):
+def test_options_are_saved_and_restored_by_preset(folder, what, groups):
     settings = bpy.context.scene.zoomout
     wanted = {name: value for group in groups for name, value in changed(group).items()}
     for name, value in wanted.items():
@@ -56,7 +56,7 @@ def test_options_are_kept_by_name_and_come_back(folder, what, groups):
     assert not kept.exists()
 
 
-def test_presets_that_come_along_do_what_their_names_say():
+def test_bundled_presets_set_their_options():
     settings = bpy.context.scene.zoomout
     settings.detail = "FINE"
     for what, name, wanted in (

@@ -56,7 +56,7 @@ def test_confidence_is_seen_on_the_target(target):
     assert colors[-1, 2] > 2 * colors[-1, 0]  # blue with
 
 
-def test_a_new_match_is_seen_at_once_until_something_else_is_selected(source, target):
+def test_new_match_is_shown_until_the_selection_changes(source, target):
     target.data.attributes.remove(target.data.attributes["zoomout_triangle"])
     assert bpy.ops.zoomout.match(k_final=30) == {"FINISHED"}
     bpy.context.view_layer.update()
@@ -76,7 +76,7 @@ def test_a_transfer_ends_a_preview_that_would_hide_its_result(target, kind):
     assert preview.current() is None
 
 
-def test_what_was_asked_for_stays_when_something_else_is_selected(source, target):
+def test_requested_preview_stays_when_selection_changes(source, target):
     for asked in (False, True):
         preview.clear()
         activate(target, source)
@@ -92,7 +92,7 @@ def test_what_was_asked_for_stays_when_something_else_is_selected(source, target
     assert preview.current() is None
 
 
-def test_collapsed_uvs_are_not_shown_in_silence(source, target):
+def test_collapsed_uvs_are_reported(source, target):
     layer = source.data.uv_layers["UVMap"]
     layer.data.foreach_set("uv", np.full(2 * len(source.data.loops), 0.3))
     for kind in ("CHECKER", "CUT"):
@@ -112,14 +112,14 @@ def test_a_caption_names_the_preview_until_it_is_hidden(target):
     assert preview.caption() == ()
 
 
-def test_places_have_the_same_colours_on_both(source, target):
+def test_matching_places_have_equal_colours(source, target):
     assert bpy.ops.zoomout.preview(kind="PLACES") == {"FINISHED"}
     np.testing.assert_allclose(shown()["Target"], shown()["Source"], atol=1e-5)
     low, high = shown()["Source"].min(axis=0), shown()["Source"].max(axis=0)
     np.testing.assert_allclose(high - low, 0.9, atol=1e-3)
 
 
-def test_a_checker_lies_as_the_uvs_of_the_source_will(source, target):
+def test_checker_follows_the_source_uvs(source, target):
     assert bpy.ops.zoomout.preview(kind="CHECKER") == {"FINISHED"}
     uv = values(source.data, "UVMap")
     np.testing.assert_allclose(shown()["Source"], uv, atol=1e-6)
@@ -130,7 +130,7 @@ def test_a_checker_lies_as_the_uvs_of_the_source_will(source, target):
         bpy.ops.zoomout.preview(kind="CHECKER")
 
 
-def test_showing_and_clearing_changes_nothing_in_the_file(source, target):
+def test_previews_do_not_change_the_file(source, target):
     before = snapshot_file()
     for kind in ("CONFIDENCE", "PLACES", "CHECKER"):
         assert bpy.ops.zoomout.preview(kind=kind) == {"FINISHED"}
@@ -143,7 +143,7 @@ def test_showing_and_clearing_changes_nothing_in_the_file(source, target):
         bpy.ops.zoomout.clear_preview()
 
 
-def test_a_new_match_and_another_candidate_are_seen_at_once(source, target):
+def test_new_matches_and_candidates_update_the_preview(source, target):
     bpy.ops.zoomout.preview(kind="PLACES")
     result = match_objects(bpy.context, source, target, k_final=40)
     around = jobs.run(read_pair(bpy.context, "Source", "Target")).source.vertices
@@ -160,20 +160,20 @@ def test_a_match_of_other_objects_does_not_show_itself(source, target):
 
 
 @pytest.mark.parametrize("what", ["target", "source"])
-def test_after_an_edit_the_match_is_not_shown(source, target, what):
+def test_edited_mesh_has_no_preview(source, target, what):
     bpy.data.objects[what.title()].data.vertices[2].co.z += 0.1
     with pytest.raises(RuntimeError, match=f"'{what.title()}' was edited since it was matched: match again"):
         bpy.ops.zoomout.preview(kind="PLACES")
     assert shown() == {}
 
 
-def test_without_a_match_there_is_nothing_to_show(source):
+def test_preview_requires_a_match(source):
     activate(source)
     with pytest.raises(RuntimeError, match="'Source' was not matched yet: match it first"):
         bpy.ops.zoomout.preview(kind="PLACES")
 
 
-def test_a_source_that_was_renamed_is_found_where_it_is_chosen(source, target):
+def test_renamed_source_is_found_if_chosen(source, target):
     source.name = "Hero"
     assert bpy.ops.zoomout.preview(kind="PLACES") == {"FINISHED"}
     assert set(shown()) == {"Target", "Hero"}
@@ -197,7 +197,7 @@ def test_a_preview_ends_with_its_file_and_with_the_extension(target):
     blender_addon.register()  # as the fixture expects it
 
 
-def test_a_coat_follows_the_name_of_its_object_and_goes_with_it(source, target):
+def test_overlay_follows_its_object_when_renamed_or_removed(source, target):
     bpy.ops.zoomout.preview(kind="PLACES")
     target.name = "Renamed"
     source.name = "Target"  # a name that was another's
@@ -217,7 +217,7 @@ def visible():
     return {obj.name for _, obj in overlay.visible()}
 
 
-def test_coats_are_hidden_while_a_mesh_is_another_one(source, target):
+def test_overlays_are_hidden_while_a_mesh_differs(source, target):
     bpy.ops.zoomout.preview(kind="PLACES")
     assert visible() == {"Target", "Source"}
     for edited in (target, source):
@@ -230,7 +230,7 @@ def test_coats_are_hidden_while_a_mesh_is_another_one(source, target):
     assert visible() == {"Target", "Source"}
 
 
-def test_a_mesh_that_is_edited_painted_or_sculpted_has_no_coat(source, target):
+def test_mesh_in_another_mode_has_no_overlay(source, target):
     bpy.ops.zoomout.preview(kind="PLACES")
     activate(target)  # alone
     for mode in ("EDIT", "SCULPT", "WEIGHT_PAINT"):
@@ -240,7 +240,7 @@ def test_a_mesh_that_is_edited_painted_or_sculpted_has_no_coat(source, target):
     assert visible() == {"Target", "Source"}
 
 
-def test_another_candidate_is_seen_roughly_until_it_is_worked_out(source, target):
+def test_other_candidate_is_previewed_roughly_until_computed(source, target):
     bpy.ops.zoomout.preview(kind="PLACES")
     match_objects(bpy.context, source, target, k_final=40)
     before = preview.preview_of(target)
@@ -260,7 +260,7 @@ def test_another_candidate_is_seen_roughly_until_it_is_worked_out(source, target
     job.cancel()
 
 
-def test_what_is_undone_is_shown_as_it_was(source, target):
+def test_undo_and_redo_update_the_preview(source, target):
     bpy.ops.zoomout.preview(kind="PLACES")
     match_objects(bpy.context, source, target, k_final=40)
     bpy.ops.ed.undo_push(message="Matched")
@@ -274,7 +274,7 @@ def test_what_is_undone_is_shown_as_it_was(source, target):
     np.testing.assert_allclose(shown()["Target"], other, atol=1e-5)
 
 
-def test_what_is_deleted_comes_back_with_its_colours(source, target):
+def test_restored_object_regains_its_colours(source, target):
     bpy.ops.zoomout.preview(kind="PLACES")
     bpy.ops.ed.undo_push(message="Before")
     bpy.data.objects.remove(target)
@@ -284,7 +284,7 @@ def test_what_is_deleted_comes_back_with_its_colours(source, target):
     assert set(shown()) == {"Target", "Source"}
 
 
-def test_without_the_match_there_is_nothing_to_show_any_more(source, target):
+def test_removed_match_ends_its_preview(source, target):
     bpy.ops.zoomout.preview(kind="PLACES")
     bpy.ops.ed.undo_push(message="Matched")
     target.data.attributes.remove(target.data.attributes["zoomout_triangle"])
@@ -293,7 +293,7 @@ def test_without_the_match_there_is_nothing_to_show_any_more(source, target):
     assert preview.current() is None
 
 
-def test_what_is_drawn_is_the_mesh_as_its_modifiers_leave_it(source):
+def test_overlay_draws_the_mesh_after_modifiers(source):
     source.modifiers.new("Finer", "SUBSURF").subdivision_type = "SIMPLE"
     bpy.context.view_layer.update()
     mesh = source.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
@@ -311,7 +311,7 @@ def test_what_is_drawn_is_the_mesh_as_its_modifiers_leave_it(source):
     assert overlay.surface_of(source.data, overlay.Overlay(1, colors, "")) is None  # another mesh
 
 
-def test_a_coat_is_laid_on_anew_when_its_object_moves(source, target):
+def test_overlay_is_redrawn_when_its_object_moves(source, target):
     bpy.ops.zoomout.preview(kind="PLACES")
     overlay._batches.update({target.session_uid: "drawn", source.session_uid: "drawn"})
     key = source.shape_key_add(name="Basis") and source.shape_key_add(name="Key")

@@ -44,7 +44,7 @@ def matched(source):
 
 
 @pytest.mark.parametrize("finer", [False, True])
-def test_partners_lie_where_the_map_leads_either_way(source, matched, finer):
+def test_proposed_partners_follow_the_map_both_ways(source, matched, finer):
     if finer:
         for obj in (source, matched):
             obj.modifiers.new("Finer", "SUBSURF").subdivision_type = "SIMPLE"
@@ -112,7 +112,7 @@ def placing(source, matched):
     modal.end(operator)
 
 
-def test_a_click_proposes_the_partner_which_a_click_on_its_dot_confirms(source, matched, placing):
+def test_clicking_a_proposal_confirms_it(source, matched, placing):
     assert (numbers(source), numbers(matched), proposed(matched)) == ([1], [], [1])
     np.testing.assert_allclose(where(matched, 1)[[0, 2]], [0.8, 0.05], atol=0.02)
     assert "drag or click its pale dot" in placing.screen.status
@@ -134,7 +134,7 @@ def test_a_proposal_is_dragged_or_set_by_a_click_elsewhere(source, matched, plac
     assert (numbers(source), numbers(matched), proposed(matched)) == ([1, 2], [1, 2], [])
 
 
-def test_a_proposal_follows_its_landmark_and_goes_with_it(source, matched, placing):
+def test_proposal_follows_its_landmark_and_is_removed_with_it(source, matched, placing):
     before = where(matched, 1)
     placing.event("LEFTMOUSE", -1.2, 0.05)
     placing.event("MOUSEMOVE", -1.0, 0.1)
@@ -146,7 +146,7 @@ def test_a_proposal_follows_its_landmark_and_goes_with_it(source, matched, placi
     assert not bpy.context.scene.zoomout.landmarks
 
 
-def test_a_proposed_dot_is_drawn_as_such_and_both_have_their_colour(source, matched, placing):
+def test_proposed_dots_are_marked_as_proposed(source, matched, placing):
     screen = placing.screen
     shown = landmark_dots.dots(screen, screen.region, screen.space.region_3d, screen.space)
     assert {(dot.obj.name, dot.proposed, dot.paired) for dot in shown} == {

@@ -34,7 +34,7 @@ def wrong(source, target):
 
 
 @pytest.mark.parametrize("keeps", [False, True])
-def test_the_match_is_replaced_in_the_group_alone_or_everywhere_else(source, wrong, keeps):
+def test_only_the_chosen_region_is_matched_again(source, wrong, keeps):
     before, (triangle, weights) = images(wrong), stored(wrong)
     redo = (positions(wrong.data)[:, 0] < 0) != keeps
     match_objects(bpy.context, source, wrong, redo_group="Half", redo_keeps=keeps, **NEAREST)
@@ -50,7 +50,7 @@ def test_the_match_is_replaced_in_the_group_alone_or_everywhere_else(source, wro
     assert stored_candidates.read(wrong.data) is None  # these are of whole maps
 
 
-def test_what_has_a_partner_is_known_of_both_parts(source, wrong):
+def test_partners_are_known_for_both_regions(source, wrong):
     match_objects(bpy.context, source, wrong, redo_group="Half", **NEAREST)
     assert stored_match.description(wrong.data)["without_partner"] is None  # the old match did not know
     match_objects(bpy.context, source, wrong, **NEAREST)
@@ -67,7 +67,7 @@ def test_the_operator_takes_the_group_of_the_sidebar(source, wrong):
     assert (stored(wrong)[0] != triangle).any()
 
 
-def test_without_a_match_to_keep_all_is_matched(source, target):
+def test_everything_is_matched_without_an_earlier_match(source, target):
     set_weights(target, "Half", positions(target.data)[:, 0] < 0)
     result = match_objects(bpy.context, source, target, redo_group="Half", **NEAREST)
     assert isinstance(result, zo.MatchResult)
@@ -83,7 +83,7 @@ def test_without_a_match_to_keep_all_is_matched(source, target):
         ("All", True, "covers the whole mesh"),
     ],
 )
-def test_a_group_that_says_nothing_is_one_sentence(source, wrong, group, keeps, sentence):
+def test_useless_group_is_refused_in_one_sentence(source, wrong, group, keeps, sentence):
     wrong.vertex_groups.new(name="Empty")
     set_weights(wrong, "All", np.ones(len(wrong.data.vertices)))
     before = stored(wrong)

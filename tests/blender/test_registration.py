@@ -78,12 +78,12 @@ def test_every_operator_option_and_choice_explains_itself():
                     assert choice.description, (owner, option.identifier, choice.identifier)
 
 
-def test_operators_are_told_apart_by_their_labels():
+def test_operator_labels_are_unique():
     labels = [operator.get_rna_type().name for operator in operators().values()]
     assert len(set(labels)) == len(labels)
 
 
-def test_no_label_is_one_of_blenders_own_so_that_the_search_tells_them_apart():
+def test_labels_differ_from_those_of_blender():
     modules = [getattr(bpy.ops, name) for name in dir(bpy.ops) if name != "zoomout"]
     others = {getattr(module, name).get_rna_type().name.lower() for module in modules for name in dir(module)}
     assert {"zoom out", "transfer mesh data", "mirror shape key"} <= others
@@ -91,13 +91,13 @@ def test_no_label_is_one_of_blenders_own_so_that_the_search_tells_them_apart():
     assert not labels & others
 
 
-def test_what_the_search_shows_names_the_extension():
+def test_search_results_name_the_extension():
     """Search shows an item with its menus, and matches the input with all words of both."""
     manifest = tomllib.loads((Path(blender_addon.__file__).parent / "blender_manifest.toml").read_text())
     tops = [menus.ZOOMOUT_MT_object, menus.ZOOMOUT_MT_mesh]
     assert {menu.bl_label for menu in tops} == {manifest["name"]}
     texts = [text for menu in menus.CLASSES for text in drawn_texts(menu)]
-    assert not [text for text in texts if "zoom" in text.lower()]  # else it would come with View > Zoom Out
+    assert not [text for text in texts if "zoom" in text.lower()]  # otherwise it would appear with View > Zoom Out
 
 
 def drawn_texts(menu):
@@ -129,7 +129,7 @@ def work_in_a_window():
 
 
 @pytest.mark.parametrize("state", [nothing, a_light, one_mesh, edit_mode, work_in_a_window])
-def test_operators_that_cannot_be_used_say_why(state, monkeypatch):
+def test_disabled_operators_give_a_reason(state, monkeypatch):
     monkeypatch.setattr(activity, "running", None)
     state()
     refused = [operator for operator in operators().values() if not operator.poll()]

@@ -53,7 +53,7 @@ def test_vertices_of_low_confidence_are_selected_and_no_others(source, target):
     np.testing.assert_array_equal(vertices, np.arange(len(vertices)) < 40)
 
 
-def test_the_sentence_says_how_many_and_of_what_share(source, target):
+def test_message_gives_count_and_share_of_area(source, target):
     keep_true_match(target, doubtful=40)
     area = jobs.run(read_pair(bpy.context, "Source", "Target")).target.share_of_area(
         np.arange(len(target.data.vertices)) < 40
@@ -64,7 +64,7 @@ def test_the_sentence_says_how_many_and_of_what_share(source, target):
 
 
 @pytest.mark.parametrize("mirrored", [False, True])
-def test_faces_that_face_against_most_are_selected(source, target, mirrored):
+def test_flipped_faces_are_selected(source, target, mirrored):
     keep_true_match(target)
     triangle = values(target.data, "zoomout_triangle").copy()
     weights = values(target.data, "zoomout_barycentric").copy()
@@ -93,7 +93,7 @@ def test_faces_that_face_against_most_are_selected(source, target, mirrored):
     assert not selected(target)[1][at_both].any()  # vertices without a partner have no place to be wrong about
 
 
-def test_what_has_no_partner_is_selected_on_both(source, target):
+def test_vertices_without_partner_are_selected_on_both_meshes(source, target):
     keep_true_match(target)
     with pytest.raises(RuntimeError, match="has no information about partners: match again"):
         bpy.ops.zoomout.select_without_partner()
@@ -107,7 +107,7 @@ def test_what_has_no_partner_is_selected_on_both(source, target):
     assert f"; {high.sum()} vertices of 'Source', " in said
 
 
-def test_a_source_whose_modifiers_make_other_vertices_is_left_as_it_is(source, target):
+def test_source_with_vertex_adding_modifiers_is_unchanged(source, target):
     source.modifiers.new("Finer", "SUBSURF").levels = 1
     bpy.context.view_layer.update()
     keep_true_match(target)
@@ -129,7 +129,7 @@ def test_without_a_match_or_after_an_edit_nothing_is_selected(source, target, op
     assert [vertex.select for vertex in target.data.vertices] == before
 
 
-def test_in_edit_mode_what_is_selected_is_seen_at_once(source, target):
+def test_selection_is_visible_in_edit_mode(source, target):
     keep_true_match(target, doubtful=40)
     bpy.ops.object.mode_set(mode="EDIT")
     bpy.context.tool_settings.mesh_select_mode = (False, False, True)

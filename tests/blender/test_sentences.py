@@ -70,7 +70,7 @@ COMPOSED = {
 
 
 @pytest.mark.parametrize("english", COMPOSED)
-def test_what_is_composed_is_translated_with_its_parts(english: str) -> None:
+def test_composed_messages_are_translated_with_their_parts(english: str) -> None:
     assert in_language(english, "de") == in_language(english, "de_DE") == COMPOSED[english]
 
 
@@ -84,7 +84,7 @@ def test_what_is_composed_is_translated_with_its_parts(english: str) -> None:
     ],
     ids=["an exception", "pickle", "an exception in pickle", "JSON"],
 )
-def test_it_is_translated_after_its_way(passed) -> None:
+def test_messages_are_translated_after_serialisation(passed) -> None:
     for english, german in COMPOSED.items():
         assert in_language(passed(english), "de") == german
 
@@ -107,14 +107,14 @@ def test_failures_of_several_targets_are_translated() -> None:
 
 
 @pytest.mark.parametrize("name", ["Target", "Mask", "seams", "Bob's head", "shape keys", "{reason}"])
-def test_names_stay_as_they_are(name: str) -> None:
+def test_names_are_not_translated(name: str) -> None:
     """Even if labels and nouns of the catalogue are the same words."""
     text = message("'{name}' is not a mesh: choose a mesh object.", name=name)
     assert in_language(text, "de") == f"'{name}' ist kein Mesh: ein Mesh-Objekt wählen."
 
 
 @pytest.mark.parametrize("text", ["", "Whatever else: it stays.", "An unknown shape", "Unknown, and 3 of {}"])
-def test_what_has_no_translation_stays_english(text: str) -> None:
+def test_unknown_text_stays_english(text: str) -> None:
     assert in_language(text, "de") == in_language(as_message(text), "de") == text
 
 
@@ -126,7 +126,7 @@ def test_other_languages_stay_english() -> None:
 
 @pytest.mark.parametrize("interface", [True, False])
 @pytest.mark.parametrize("reports", [True, False])
-def test_settings_of_the_user_decide(interface: bool, reports: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_user_settings_control_translation(interface: bool, reports: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     def blender(**settings: bool) -> SimpleNamespace:
         context = SimpleNamespace(preferences=SimpleNamespace(view=SimpleNamespace(**settings)))
         return SimpleNamespace(app=SimpleNamespace(translations=SimpleNamespace(locale="de_DE")), context=context)
@@ -155,14 +155,14 @@ def labels(text: str, width: int) -> list[str]:
     return [line for kind, line, _ in everything if kind == "label"]
 
 
-def test_sentences_are_wrapped_in_the_language_that_is_read(in_german: None) -> None:
+def test_sentences_are_wrapped_in_the_users_language(in_german: None) -> None:
     lines = labels(message("The source '{source}' was edited after the match: match again.", source="Body"), 300)
     assert len(lines) > 1
     assert max(blf.dimensions(sidebar.FONT, line)[0] for line in lines) <= 300 - sidebar.BORDER
     assert " ".join(lines) == "Die Quelle 'Body' wurde nach der Zuordnung bearbeitet: erneut zuordnen."
 
 
-def test_progress_is_shown_in_the_language_that_is_read(in_german: None, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_progress_is_shown_in_the_users_language(in_german: None, monkeypatch: pytest.MonkeyPatch) -> None:
     said: list[str | None] = []
     everything: list[tuple[str, str, object]] = []
     monkeypatch.setattr(activity, "running", None)
@@ -175,13 +175,13 @@ def test_progress_is_shown_in_the_language_that_is_read(in_german: None, monkeyp
     assert said[1:] == [None]
 
 
-def test_operators_report_in_the_language_that_is_read(target: bpy.types.Object, in_german: None) -> None:
+def test_operators_report_in_the_users_language(target: bpy.types.Object, in_german: None) -> None:
     target.data.clear_geometry()
     with pytest.raises(RuntimeError, match="'Target' hat keine Flächen: ein Mesh mit einer Oberfläche wählen"):
         bpy.ops.zoomout.match()
 
 
-def test_what_is_stored_is_shown_in_the_language_that_is_read(target: bpy.types.Object, in_german: None) -> None:
+def test_stored_messages_are_shown_in_the_users_language(target: bpy.types.Object, in_german: None) -> None:
     assert bpy.ops.zoomout.match(initial="NEAREST") == {"FINISHED"}
     assert bpy.ops.zoomout.transfer(shape=True) == {"FINISHED"}
     report = stored_report.transfer_report(target)
@@ -192,7 +192,7 @@ def test_what_is_stored_is_shown_in_the_language_that_is_read(target: bpy.types.
     assert all(in_language(note, "de") != note for note in notes)
 
 
-def test_reports_are_shown_with_what_was_skipped(target: bpy.types.Object, in_german: None) -> None:
+def test_reports_list_skipped_data_in_the_users_language(target: bpy.types.Object, in_german: None) -> None:
     stored_report.write(target, REPORT)
     assert lines_of_report(target)[-3:] == [
         "Symmetrie: ausgelassen, sie bildet das Quell-Mesh auf sich selbst ab",
@@ -212,7 +212,7 @@ def test_reports_of_earlier_versions_are_shown(target: bpy.types.Object, in_germ
     ]
 
 
-def test_a_damaged_message_is_no_report(target: bpy.types.Object) -> None:
+def test_report_with_damaged_message_is_ignored(target: bpy.types.Object) -> None:
     stored_report.write(target, REPORT)
     target.data[stored_report.PROPERTY] = target.data[stored_report.PROPERTY].replace("{reason}", "{reason:>999999999}")
     assert stored_report.transfer_report(target) is None
@@ -229,7 +229,7 @@ def lines_of_report(target: bpy.types.Object) -> list[str]:
     return [line for kind, line, _ in everything if kind == "label"]
 
 
-def test_panels_are_drawn_as_fast(in_german: None) -> None:
+def test_translating_panels_is_fast(in_german: None) -> None:
     """Less than a millisecond for more sentences than panels ever show."""
     text = "The source '{source}' was edited after the match: match again."
     texts = [message(text, source=f"Body {number}") for number in range(50)]

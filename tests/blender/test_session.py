@@ -17,7 +17,7 @@ def scene(monkeypatch):
 
 
 @pytest.mark.slow
-def test_six_presses_that_the_sidebar_has_lead_to_a_target_that_follows_the_animation(scene):
+def test_six_presses_bind_a_target_that_follows_the_animation(scene):
     presses = session.bind(scene)
     assert len(presses) == 6
     for _, effect in filter(lambda press: press.effect, presses[:-1]):
@@ -35,7 +35,7 @@ def test_six_presses_that_the_sidebar_has_lead_to_a_target_that_follows_the_anim
 
 
 @pytest.mark.slow
-def test_by_hand_it_takes_more_and_weights_alone_tear_the_target(scene):
+def test_manual_binding_takes_more_steps_and_tears_the_target(scene):
     assert [len(way(scene)) for way in (session.parent, session.parent_in_its_shape)] == [10, 14]
     groups = {group.name for group in scene.source.vertex_groups}
     for _, effect in filter(lambda press: press.effect, session.parent(scene)):

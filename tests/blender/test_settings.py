@@ -73,7 +73,7 @@ def transfer(source, target, *data, **settings):
     return transfer_objects(bpy.context, source, target, data, Settings(**settings))
 
 
-def test_weights_colours_and_numbers_of_low_confidence_are_filled_in_and_said_to_be(source, target):
+def test_low_confidence_values_are_filled_in_and_reported(source, target):
     skin(source)
     add_attribute(source.data, "Paint", "FLOAT_COLOR", "POINT", np.repeat(ramp(source)[:, None], 4, axis=1))
     add_attribute(source.data, "side", "FLOAT", "POINT", ramp(source))
@@ -92,7 +92,7 @@ def test_weights_colours_and_numbers_of_low_confidence_are_filled_in_and_said_to
     ]
 
 
-def test_what_is_transferred_is_mixed_with_what_is_there_by_factor_and_mask(source, target):
+def test_transfer_blends_with_existing_data_by_factor_and_mask(source, target):
     skin(source)
     add_attribute(source.data, "Paint", "FLOAT_COLOR", "POINT", np.ones((len(source.data.vertices), 4)))
     add_attribute(source.data, "zone", "INT", "POINT", np.full(len(source.data.vertices), 7))
@@ -168,7 +168,7 @@ def rig(*names):
     return armature
 
 
-def test_groups_change_sides_and_names_and_are_still_those_that_deform(source, target):
+def test_flipped_and_renamed_groups_still_deform(source, target):
     armature = rig("Arm.L", "Arm.R", "Hip")
     source.modifiers.new("Armature", "ARMATURE").object = armature
     bpy.context.view_layer.update()
@@ -184,7 +184,7 @@ def test_groups_change_sides_and_names_and_are_still_those_that_deform(source, t
     np.testing.assert_allclose(weight_array(target, "Mask"), 0.4, atol=1e-5)
 
 
-def test_names_with_their_side_in_the_midst_change_sides_where_both_are_there(source, target):
+def test_infix_sides_flip_if_both_sides_exist(source, target):
     keep_match(target)
     for name in ("mixamorig:LeftArm", "mixamorig:RightArm", "mixamorig:LeftWing"):
         set_weights(source, name, ramp(source) if "Arm" in name else 1 - ramp(source))
@@ -201,7 +201,7 @@ def test_names_are_given_as_pairs():
 
 
 @pytest.mark.parametrize("factor", [1.0, 0.5])
-def test_a_limit_holds_for_what_deforms_also_after_mixing(source, target, factor):
+def test_weight_limit_holds_after_blending(source, target, factor):
     names = [f"Bone {i}" for i in range(6)]
     for obj, centre in ((source, 0.0), (target, 0.2)):
         share = np.exp(-(((ramp(obj)[:, None] - centre - np.arange(6) / 5) / 0.3) ** 2))
@@ -214,7 +214,7 @@ def test_a_limit_holds_for_what_deforms_also_after_mixing(source, target, factor
     np.testing.assert_allclose(table.sum(axis=1), 1, atol=1e-5)
 
 
-def test_a_mask_that_is_not_there_is_refused_before_anything_is_written(source, target):
+def test_missing_mask_is_refused_before_writing(source, target):
     skin(source)
     before = snapshot_file()
     with pytest.raises(zo.MeshError, match="'Target' has no vertex group 'Mask'"):
@@ -222,7 +222,7 @@ def test_a_mask_that_is_not_there_is_refused_before_anything_is_written(source, 
     assert snapshot_file() == before
 
 
-def test_settings_come_from_the_scene_where_the_caller_leaves_them_open(source, target):
+def test_omitted_settings_come_from_the_scene(source, target):
     skin(source)
     activate(target, source)
     settings = bpy.context.scene.zoomout

@@ -98,7 +98,7 @@ def test_the_match_is_read_with_all_its_sources(whole):
     assert jobs.run(read_stored_match(bpy.context, "Whole"))[0].source_names == ("Front", "Back")
 
 
-def test_vertex_groups_are_united_by_name(front, back, whole):
+def test_vertex_groups_are_merged_by_name(front, back, whole):
     set_weights(front, "chest", np.full(len(front.data.vertices), 0.75))
     for obj, share in ((front, 0.25), (back, 1.0)):
         set_weights(obj, "spine", np.full(len(obj.data.vertices), share))
@@ -111,7 +111,7 @@ def test_vertex_groups_are_united_by_name(front, back, whole):
     np.testing.assert_allclose(weight_array(whole, "spine")[behind], 1, atol=1e-5)
 
 
-def test_the_uv_maps_that_are_shown_are_one(front, back, whole):
+def test_displayed_uv_maps_are_merged(front, back, whole):
     add_uv_map(front.data, "UVMap")
     add_uv_map(back.data, "Unwrapped")
     transfer(front, whole, "uv_maps")
@@ -123,7 +123,7 @@ def test_the_uv_maps_that_are_shown_are_one(front, back, whole):
     assert np.abs(values(whole.data, "UVMap")[faces[clear]] - expected).max() < 0.02
 
 
-def test_what_lies_on_an_object_without_a_layer_keeps_what_it_has(front, whole):
+def test_areas_on_objects_without_a_layer_keep_their_data(front, whole):
     add_attribute(front.data, "Paint", "FLOAT_COLOR", "POINT", np.tile([1, 0, 0, 1], (len(front.data.vertices), 1)))
     add_attribute(whole.data, "Paint", "FLOAT_COLOR", "POINT", np.tile([0, 0, 1, 1], (len(whole.data.vertices), 1)))
     set_weights(front, "chest", np.ones(len(front.data.vertices)))
@@ -139,7 +139,7 @@ def test_what_lies_on_an_object_without_a_layer_keeps_what_it_has(front, whole):
     )
 
 
-def test_layers_of_one_name_and_several_types_are_not_mixed(front, back, whole):
+def test_layers_of_equal_name_and_different_type_are_not_mixed(front, back, whole):
     add_attribute(front.data, "Layer", "FLOAT", "POINT", np.ones(len(front.data.vertices)))
     add_attribute(back.data, "Layer", "INT", "POINT", np.full(len(back.data.vertices), 7))
     report = transfer(front, whole, "attributes")
@@ -149,7 +149,7 @@ def test_layers_of_one_name_and_several_types_are_not_mixed(front, back, whole):
     assert (values(whole.data, "Layer")[behind] == 0).all()
 
 
-def test_materials_are_those_of_either(front, back, whole):
+def test_materials_of_all_sources_are_used(front, back, whole):
     front.data.materials.append(new_material("Skin"))
     for name in ("Skin", "Cloth"):
         back.data.materials.append(bpy.data.materials.get(name) or new_material(name))
@@ -161,7 +161,7 @@ def test_materials_are_those_of_either(front, back, whole):
             assert whole.data.materials[polygon.material_index].name == expected
 
 
-def test_shape_keys_of_one_name_are_one_and_move_only_what_has_them(front, back, whole):
+def test_shape_keys_are_merged_by_name(front, back, whole):
     for obj, names in ((front, ("Up", "Fore")), (back, ("Up", "Aft"))):
         obj.shape_key_add(name="Basis")
         for name in names:
@@ -183,7 +183,7 @@ def test_shape_keys_of_one_name_are_one_and_move_only_what_has_them(front, back,
 
 
 @pytest.mark.slow
-def test_keys_arrive_from_objects_that_modifiers_give_more_vertices(front, back, whole):
+def test_keys_arrive_from_sources_with_vertex_adding_modifiers(front, back, whole):
     for obj in (front, back):
         obj.shape_key_add(name="Basis")
         key = obj.shape_key_add(name="Up")
@@ -208,7 +208,7 @@ def test_marks_and_custom_normals_arrive_from_all(front, back, whole):
     assert normals[x < -0.2, 0].mean() < -0.3
 
 
-def test_all_that_both_have_goes_in_one_undo_step(front, back, whole):
+def test_operator_transfers_from_all_sources(front, back, whole):
     add_uv_map(back.data, "Unwrapped")
     set_weights(front, "chest", np.ones(len(front.data.vertices)))
     activate(whole)
@@ -217,7 +217,7 @@ def test_all_that_both_have_goes_in_one_undo_step(front, back, whole):
     assert whole.data.uv_layers.keys() == ["Unwrapped"]
 
 
-def test_a_source_under_a_new_name_is_known_again(front, whole):
+def test_renamed_source_is_recognised(front, whole):
     set_weights(front, "chest", np.ones(len(front.data.vertices)))
     front.name = "Chest"
     assert transfer(front, whole, "vertex_groups")["others"] == ["Back"]
@@ -241,7 +241,7 @@ def test_another_source_that_was_edited_or_removed_is_noticed(front, back, whole
     assert snapshot_file() == before
 
 
-def test_previews_color_all_sources_and_seams_are_cut_of_all(front, back, whole):
+def test_previews_and_seam_cuts_include_all_sources(front, back, whole):
     for obj in (front, back):
         add_uv_map(obj.data, "UVMap")
     pair, match = jobs.run(read_stored_match(bpy.context, "Whole"))

@@ -40,7 +40,7 @@ def received(target):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["SUBSURF", "MULTIRES", "MIRROR", "SOLIDIFY", "TRIANGULATE", "DECIMATE", "NODES"])
-def test_a_modifier_added_to_the_source_outdates_nothing_and_the_same_data_arrive(dressed, target, kind):
+def test_modifier_added_to_source_keeps_match_and_data(dressed, target, kind):
     match_objects(bpy.context, dressed, target, **NEAREST)
     transfer_objects(bpy.context, dressed, target, DATA)
     before, described = received(target), stored_match.description(target.data)
@@ -56,7 +56,7 @@ def test_a_modifier_added_to_the_source_outdates_nothing_and_the_same_data_arriv
         np.testing.assert_allclose(now, then, atol=1e-6)
 
 
-def test_the_surface_that_is_read_is_the_one_that_was_matched(dressed, target):
+def test_matched_surface_is_read_despite_new_modifiers(dressed, target):
     match = match_objects(bpy.context, dressed, target, **NEAREST)
     images = match.surface_map.interpolate(jobs.run(read_stored_match(bpy.context, "Target"))[0].source.vertices)
     add_modifier(dressed, "SUBSURF")
@@ -65,7 +65,7 @@ def test_the_surface_that_is_read_is_the_one_that_was_matched(dressed, target):
     np.testing.assert_allclose(stored.surface_map.interpolate(pair.source.vertices), images, atol=1e-6)
 
 
-def test_previews_and_cuts_go_on_by_it(dressed, target):
+def test_previews_and_cuts_work_with_new_source_modifiers(dressed, target):
     match_objects(bpy.context, dressed, target, **NEAREST)
     add_modifier(dressed, "SUBSURF")
     for kind in ("PLACES", "CHECKER", "CONFIDENCE"):
@@ -84,7 +84,7 @@ def test_a_source_that_was_renamed_may_get_a_modifier(dressed, target):
     assert stored_match.description(target.data) == described
 
 
-def test_a_match_with_what_modifiers_made_is_outdated_without_them(dressed, target):
+def test_match_with_modifiers_is_outdated_without_them(dressed, target):
     modifier = add_modifier(dressed, "SUBSURF")
     match_objects(bpy.context, dressed, target, **NEAREST)
     dressed.modifiers.remove(modifier)

@@ -36,7 +36,7 @@ from blender_addon.services.symmetry.weights import symmetrise_weights, symmetri
 from blender_addon.storage import stored_symmetry
 
 
-def test_a_symmetry_is_found_and_kept(found):
+def test_symmetry_is_detected_and_stored(found):
     obj = new_object()
     activate(obj)
     assert bpy.ops.zoomout.detect_symmetry() == {"FINISHED"}
@@ -48,7 +48,7 @@ def test_a_symmetry_is_found_and_kept(found):
     assert ((symmetry.distance > 0) == LEFT)[LEFT | RIGHT].mean() > 0.99
 
 
-def test_the_axis_tells_left_and_sides_can_be_swapped(body):
+def test_axis_defines_left_and_sides_can_be_swapped(body):
     before = stored_symmetry.read(body).distance
     assert bpy.ops.zoomout.swap_sides() == {"FINISHED"}
     np.testing.assert_array_equal(stored_symmetry.read(body).distance, -before)
@@ -64,7 +64,7 @@ def test_candidates_can_be_chosen(body, found):
         choose_symmetry(bpy.context, body, 2)
 
 
-def test_cancelling_or_editing_meanwhile_leaves_the_mesh_as_it_was():
+def test_cancelled_or_edited_detection_changes_nothing():
     obj = new_object()
     activate(obj)
     before = snapshot(obj)
@@ -92,7 +92,7 @@ OPERATIONS = {
 
 @pytest.mark.parametrize("taken", [1, 2])
 @pytest.mark.parametrize("work", OPERATIONS)
-def test_an_edit_between_two_turns_is_noticed_and_nothing_is_written(body, work, taken):
+def test_edit_during_operation_is_detected_and_nothing_written(body, work, taken):
     set_weights(body, "Arm.L", np.clip(X, 0, 1))
     add_uv_map(body.data, "Atlas")
     add_key(body, "Smile.L", bumps(np.clip(X, 0, 1)))
@@ -118,7 +118,7 @@ def moved(obj):
     mesh_data.move_vertices(obj.data, MOVE)
 
 
-def test_edges_are_mirrored_in_the_order_in_which_blender_has_them(body):
+def test_edges_are_mirrored_in_blenders_order(body):
     mesh = body.data
     ends = np.array([edge.vertices for edge in mesh.edges])
     middle = X[ends].mean(axis=1)
@@ -130,7 +130,7 @@ def test_edges_are_mirrored_in_the_order_in_which_blender_has_them(body):
     assert off[np.abs(middle) > 0.2].mean() < 0.05
 
 
-def test_an_edited_mesh_says_so(body):
+def test_edited_mesh_is_reported(body):
     body.data.vertices[0].co.x += 0.1
     with pytest.raises(zo.MeshError, match="was reshaped since its symmetry was detected"):
         symmetrise_weights(bpy.context, body)
@@ -181,7 +181,7 @@ def test_weights_of_one_side_become_those_of_the_other(body):
     np.testing.assert_allclose(total, 1, atol=1e-5)
 
 
-def test_sides_in_the_midst_of_names_are_paired(body):
+def test_infix_sides_in_names_are_paired(body):
     left = np.clip(1.5 * X, 0, 0.9)
     set_weights(body, "mixamorig:LeftArm", left)
     set_weights(body, "mixamorig:RightArm", np.zeros(len(X)))
@@ -190,13 +190,13 @@ def test_sides_in_the_midst_of_names_are_paired(body):
     assert np.abs(weight_array(body, "mixamorig:RightArm") - np.clip(-1.5 * X, 0, 0.9)).mean() < 0.01
 
 
-def test_names_without_sides_are_told_of(body):
+def test_names_without_sides_are_reported(body):
     set_weights(body, "Hat", np.clip(X, 0, 1))
     told = "Made 1 vertex groups of 'Creature' symmetric; no name has a side, so each group was made symmetric"
     assert symmetrise_weights(bpy.context, body) == told
 
 
-def test_groups_stay_in_their_order(body):
+def test_group_order_is_kept(body):
     for name in ("Arm.L", "Arm.R", "Spine"):
         set_weights(body, name, np.clip(X, 0, 1))
     symmetrise_weights(bpy.context, body, only="Arm.R")
@@ -221,7 +221,7 @@ def test_locked_and_other_groups_stay(body):
         symmetrise_weights(bpy.context, body, "left_to_right", only="Wing")
 
 
-def test_the_other_sides_key_is_made(body):
+def test_mirroring_creates_the_key_of_the_other_side(body):
     body.vertex_groups.new(name="Mask.L")
     body.vertex_groups.new(name="Mask.R")
     key = add_key(body, "Smile.L", bumps(np.clip(X, 0, 1)))
@@ -235,7 +235,7 @@ def test_the_other_sides_key_is_made(body):
         mirror_shape_key(bpy.context, body, "Frown")
 
 
-def test_a_key_relative_to_another_one_stays_so(body):
+def test_mirrored_relative_key_stays_relative(body):
     add_key(body, "Smile.L", bumps(np.clip(X, 0, 1)))
     add_key(body, "Smile.R", bumps(np.clip(-X, 0, 1)))
     more = add_key(body, "Grin.L", bumps(2 * np.clip(X, 0, 1)))
@@ -246,7 +246,7 @@ def test_a_key_relative_to_another_one_stays_so(body):
     assert off_by(key_offsets(body, "Grin.R"), bumps(2 * np.clip(-X, 0, 1))) < 0.1
 
 
-def test_keys_that_are_relative_to_what_is_written_do_what_they_did(body):
+def test_keys_relative_to_a_written_key_keep_their_effect(body):
     add_key(body, "Smile", bumps(np.clip(X, 0, 1)))
     on_top = bumps(np.ones(len(X)))
     for name, base in (("Grin", "Smile"), ("Laugh", "Grin")):
@@ -374,7 +374,7 @@ def test_attributes_and_materials_are_exchanged(body):
 
 
 @pytest.mark.parametrize(("direction", "side"), [("left_to_right", 1), ("right_to_left", -1)])
-def test_seams_creases_and_other_marks_are_drawn_on_the_other_side(body, direction, side):
+def test_edge_marks_are_mirrored(body, direction, side):
     mesh = body.data
     ends = np.array([edge.vertices[:] for edge in mesh.edges])
     x, z = BENT.directions[ends, 0], BENT.directions[ends, 2]
@@ -397,7 +397,7 @@ def test_seams_creases_and_other_marks_are_drawn_on_the_other_side(body, directi
     assert np.linalg.norm(BENT.directions[bevelled] - BENT.directions[TIP[-side]], axis=1).min() < 0.1
 
 
-def test_what_was_sculpted_is_carried_over(body):
+def test_sculpt_is_mirrored(body):
     rest = positions(body.data)
     with pytest.raises(zo.MeshError, match="No vertex of 'Creature' was moved"):
         mirror_sculpt(bpy.context, body)
@@ -442,7 +442,7 @@ def test_the_line_is_selected_and_sides_are_named(body):
     assert sides[1][X < -0.2].min() == 1
 
 
-def test_a_transfer_leaves_symmetry_alone(body):
+def test_transfer_ignores_symmetry_data(body):
     from blender_addon.mesh_data import read_layers
 
     layers, skipped = read_layers(body.data)
@@ -450,7 +450,7 @@ def test_a_transfer_leaves_symmetry_alone(body):
     assert skipped["symmetry"] == "it maps the source mesh onto itself"
 
 
-def test_every_operator_and_panel_explains_itself():
+def test_every_operator_and_option_has_a_description():
     from blender_addon.operators.symmetry import CLASSES
 
     for operator in CLASSES:

@@ -35,7 +35,7 @@ def colors():
     return one.values
 
 
-def test_colours_show_the_symmetry_and_nothing_in_the_file_changes(body):
+def test_previews_show_the_symmetry_without_changing_the_file(body):
     before = snapshot(body)
     assert bpy.ops.zoomout.preview(kind="PAIRS") == {"FINISHED"}
     images = stored_symmetry.read(body).surface_map.vertex
@@ -52,12 +52,12 @@ def test_colours_show_the_symmetry_and_nothing_in_the_file_changes(body):
     assert legend.startswith("Shape: the sides differ by ")
     lengths = re.findall(r"\d[\d.]*", legend)
     assert len(lengths) == 3
-    assert all(len(length.replace(".", "").strip("0")) <= 2 for length in lengths)  # digits that tell something
+    assert all(len(length.replace(".", "").strip("0")) <= 2 for length in lengths)  # significant digits only
     assert bpy.ops.zoomout.clear_preview() == {"FINISHED"}
     assert (snapshot(body), overlay.overlays()) == (before, ())
 
 
-def test_a_new_symmetry_is_seen_at_once_until_something_else_is_selected(body):
+def test_new_symmetry_is_shown_until_the_selection_changes(body):
     assert bpy.ops.zoomout.detect_symmetry() == {"FINISHED"}
     assert preview.preview_of(body).kind == "PAIRS"
     assert bpy.ops.zoomout.swap_sides() == {"FINISHED"}
@@ -69,7 +69,7 @@ def test_a_new_symmetry_is_seen_at_once_until_something_else_is_selected(body):
     assert preview.current() is None
 
 
-def test_red_stands_for_the_same_from_one_check_to_the_next(body):
+def test_red_means_the_same_in_every_check(body):
     for slope in (0.1, 0.4):
         set_weights(body, "Arm.L", 0.5 + slope * X)
         assert check_symmetry(bpy.context, body, "weights", red_weight=0.8).endswith("red is 80% and more")
@@ -77,7 +77,7 @@ def test_red_stands_for_the_same_from_one_check_to_the_next(body):
         np.testing.assert_allclose(colors(), asymmetry_colors(values, 0.8), atol=1e-6)
 
 
-def test_lengths_are_told_in_the_units_of_the_scene(body):
+def test_lengths_use_the_units_of_the_scene(body):
     red = check_symmetry(bpy.context, body, "shape", red_length=0.1).split("red is ")[1]
     assert re.fullmatch(r"[\d.]+ cm and more", red)
     assert check_symmetry(bpy.context, body, "shape", red_length=0.2).split("red is ")[1] != red
@@ -92,7 +92,7 @@ def test_lengths_are_told_in_the_units_of_the_scene(body):
     assert float(twice.split()[0]) == pytest.approx(2 * float(red.split()[0]) / 100, rel=0.1)
 
 
-def test_another_symmetry_swapped_sides_and_their_undoing_are_seen_at_once(body, found):
+def test_other_symmetries_swapped_sides_and_undo_are_shown(body, found):
     turn = replace(found[0], distance=np.zeros(len(X)), surface_map=zo.SurfaceMap.from_vertices(ANY, BENT.surface))
     stored_symmetry.write(body, (found[0], turn), "X")
     bpy.ops.zoomout.preview(kind="SIDES")
@@ -113,7 +113,7 @@ def test_another_symmetry_swapped_sides_and_their_undoing_are_seen_at_once(body,
     assert np.abs(colors()[RIGHT].min(axis=1)).min() > PALENESS
 
 
-def test_a_symmetry_of_higher_order_colours_all_places_alike_that_it_leads_to_each_other():
+def test_higher_order_symmetry_colours_orbits_alike():
     turns = np.arange(10) * np.pi / 5
     points = np.concatenate([[np.cos(turns), np.sin(turns), np.zeros(10)], np.zeros((3, 1))], axis=1).T
     points[10, 2] = 1
@@ -141,7 +141,7 @@ def test_pictures_show_the_candidates(body, found):
     assert len(body.data[stored_symmetry.PROPERTY]) < 30_000
 
 
-def test_a_reshaped_mesh_says_so_in_passing(body):
+def test_reshaped_mesh_is_detected_while_drawing(body):
     kept = stored_symmetry.description(body.data)
     for moved in (0, 0.1):
         body.data.vertices[0].co.x += moved
@@ -152,13 +152,13 @@ def test_a_reshaped_mesh_says_so_in_passing(body):
         assert is_reshaped(body, kept) == bool(moved)
 
 
-def test_without_vertex_groups_there_are_no_weights_to_look_at(body):
+def test_weights_check_requires_vertex_groups(body):
     for work in (lambda: check_symmetry(bpy.context, body, "weights"), lambda: symmetrise_weights(bpy.context, body)):
         with pytest.raises(zo.MeshError, match="'Creature' has no vertex groups: add some"):
             work()
 
 
-def test_asymmetry_is_shown_and_told(body):
+def test_asymmetry_is_coloured_and_reported(body):
     set_weights(body, "Arm.L", np.clip(X, 0, 1))
     assert bpy.ops.zoomout.check_symmetry(check="WEIGHTS", red_weight=0.4) == {"FINISHED"}
     red, blue = colors()[:, 0], colors()[:, 2]

@@ -37,7 +37,7 @@ def body(character, found):
 
 
 @pytest.mark.slow
-def test_what_is_known_of_one_side_is_exchanged_with_nothing_on_the_other(body, character):
+def test_exchange_with_an_empty_side_moves_the_data(body, character):
     mesh_data.write_weights(body, character.broken)  # the right side has none
     truth, right = character.truth.values.toarray(), character.right
     symmetrise_weights(bpy.context, body, "exchange")
@@ -48,7 +48,7 @@ def test_what_is_known_of_one_side_is_exchanged_with_nothing_on_the_other(body, 
     assert found[~right].sum(axis=1).mean() < 0.04
 
 
-def test_marks_around_a_wrist_and_an_ankle_are_drawn_around_the_others(body, character):
+def test_marks_around_limbs_are_mirrored(body, character):
     surface, labels = character.surface, character.truth.labels
     heaviest = np.asarray(character.truth.values.argmax(axis=1)).ravel()
 

@@ -69,7 +69,7 @@ def bend(obj):
 
 
 @pytest.mark.parametrize("kind", GENERATING)
-def test_the_mesh_itself_is_read_where_modifiers_before_leave_it_and_nothing_else_is_touched(target, kind):
+def test_target_is_read_before_generating_modifiers(target, kind):
     target.shape_key_add(name="Basis")
     target.shape_key_add(name="Long").data[3].co.z += 0.5
     target.data.shape_keys.key_blocks["Long"].value = 0.5
@@ -87,7 +87,7 @@ def test_the_mesh_itself_is_read_where_modifiers_before_leave_it_and_nothing_els
     assert (bpy.context.object, bpy.context.selected_objects) == (target, [target])
 
 
-def test_bones_pose_the_mesh_behind_modifiers_that_add_vertices(target):
+def test_bones_pose_the_mesh_below_generating_modifiers(target):
     """Half a character, mirrored, subdivided and posed: the half matches its visible position."""
     armature = bpy.data.objects.new("Rig", bpy.data.armatures.new("Rig"))
     bpy.context.scene.collection.objects.link(armature)
@@ -106,7 +106,7 @@ def test_bones_pose_the_mesh_behind_modifiers_that_add_vertices(target):
 
 
 @pytest.mark.parametrize("kind", ["SUBSURF", "MULTIRES", "ARRAY", "SOLIDIFY", "NODES"])
-def test_a_target_with_modifiers_is_matched_and_receives_and_changing_them_outdates_nothing(source, target, kind):
+def test_target_with_modifiers_is_matched_and_written(source, target, kind):
     height = positions(source.data)[:, 2]
     set_weights(source, "Bone", (height > 0.2).astype(float))
     modifier = add_modifier(target, kind)
@@ -128,7 +128,7 @@ def test_a_target_with_modifiers_is_matched_and_receives_and_changing_them_outda
     np.testing.assert_allclose(weight_array(target, "Bone")[inside], height[inside] > 0.2, atol=0.05)
 
 
-def test_a_target_that_modifiers_make_of_nothing_is_refused_by_their_names(source, target):
+def test_target_without_faces_names_its_modifiers(source, target):
     target.data = bpy.data.meshes.new("Stick")
     target.data.from_pydata([(0, 0, 0), (0, 0, 1)], [(0, 1)], [])
     target.modifiers.new("Turned", "SCREW")

@@ -42,7 +42,7 @@ def test_the_active_and_all_selected_meshes_but_the_source_are_matched(source, t
     assert [stored_match.description(obj.data) is not None for obj in (*targets, source)] == [True, True, False, False]
 
 
-def test_data_arrives_on_all_of_them_with_a_report_for_each_in_one_undo_step(source, targets):
+def test_all_targets_receive_data_in_one_undo_step(source, targets):
     bpy.ops.ed.undo_push(message="before")
     before = snapshot_file()
     assert bpy.ops.zoomout.transfer("EXEC_DEFAULT", True, k_final=30) == {"FINISHED"}
@@ -53,7 +53,7 @@ def test_data_arrives_on_all_of_them_with_a_report_for_each_in_one_undo_step(sou
     assert snapshot_file() == before
 
 
-def test_one_that_fails_is_named_and_loses_none_of_the_others(source, targets, capfd):
+def test_failed_target_is_named_and_others_are_kept(source, targets, capfd):
     targets[0].data.clear_geometry()
     bpy.context.view_layer.update()
     assert bpy.ops.zoomout.match(k_final=30) == {"FINISHED"}
@@ -117,7 +117,7 @@ def test_linked_duplicates_are_done_once(source, targets):
         bpy.ops.zoomout.match()
 
 
-def test_targets_that_are_sure_speak_for_one_that_is_not(source, targets, monkeypatch):
+def test_certain_targets_help_uncertain_ones(source, targets, monkeypatch):
     from dataclasses import replace
 
     from blender_addon.services.matching import match as service
@@ -136,7 +136,7 @@ def test_targets_that_are_sure_speak_for_one_that_is_not(source, targets, monkey
     assert "Another candidate was taken." not in notes["A"]
 
 
-def test_a_single_target_asks_nobody(source, targets, monkeypatch):
+def test_single_target_needs_no_agreement(source, targets, monkeypatch):
     from blender_addon.services.matching import match as service
 
     monkeypatch.setattr(service, "agree", lambda *_: pytest.fail("asked"))

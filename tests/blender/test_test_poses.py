@@ -64,7 +64,7 @@ def test_a_pose_is_restored_to_the_same_channels(rigged):
     assert armature.pose.bones["Middle"].rotation_euler.x == 8.0
 
 
-def test_poses_are_played_until_a_click_and_only_the_view_can_be_used_meanwhile(rigged, testing, monkeypatch):
+def test_poses_play_until_escape_and_only_navigation_is_allowed(rigged, testing, monkeypatch):
     source, armature = rigged
     set_pose(armature, POSE)
     before = [tuple(bone.rotation_euler) for bone in armature.pose.bones]
@@ -95,7 +95,7 @@ def test_disabling_the_extension_restores_the_pose(rigged, testing):
     assert [tuple(bone.rotation_euler) for bone in armature.pose.bones] == before
 
 
-def test_an_armature_that_a_script_removes_meanwhile_is_left_out(rigged, testing):
+def test_removed_armature_is_ignored(rigged, testing):
     _, armature = rigged
     testing.invoke(testing.window, None)
     bpy.data.objects.remove(armature)
@@ -103,7 +103,7 @@ def test_an_armature_that_a_script_removes_meanwhile_is_left_out(rigged, testing
     assert testing.event("ESC") == {"CANCELLED"}
 
 
-def test_meshes_without_a_rig_and_rigs_of_constraints_are_no_use(rigged, source):
+def test_unposable_meshes_and_rigs_are_refused(rigged, source):
     body, armature = rigged
     activate(source)
     assert not bpy.ops.zoomout.test_poses.poll()

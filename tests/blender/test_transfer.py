@@ -98,7 +98,7 @@ def test_uv_maps_keep_names_values_and_flags(source, target):
     np.testing.assert_array_equal(values(target.data, "Own"), own)
 
 
-def test_more_uv_maps_than_blender_allows_are_refused_before_anything_is_written(source, target):
+def test_too_many_uv_maps_are_refused_before_writing(source, target):
     for i in range(5):
         add_uv_map(source.data, f"Source {i}")
     for i in range(4):
@@ -112,7 +112,7 @@ def test_more_uv_maps_than_blender_allows_are_refused_before_anything_is_written
     assert len(target.data.uv_layers) == 8
 
 
-def test_weights_follow_the_map_sum_to_one_and_keep_the_order_of_the_groups(source, target):
+def test_weights_sum_to_one_and_groups_keep_their_order(source, target):
     set_weights(target, "Own", np.full(len(target.data.vertices), 0.3))
     set_weights(target, "Right", np.ones(len(target.data.vertices)))
     set_weights(source, "Left", 1 - ramp(source))
@@ -125,7 +125,7 @@ def test_weights_follow_the_map_sum_to_one_and_keep_the_order_of_the_groups(sour
     np.testing.assert_allclose(weight_array(target, "Own"), 0.3, atol=1e-7)
 
 
-def test_groups_without_weights_arrive_empty_and_the_report_says_so(source, target):
+def test_empty_groups_are_transferred_and_reported(source, target):
     source.vertex_groups.new(name="Empty")
     source.update_tag()
     report = transfer(source, target, "vertex_groups")
@@ -133,7 +133,7 @@ def test_groups_without_weights_arrive_empty_and_the_report_says_so(source, targ
     assert any("no weights" in note for note in report["notes"])
 
 
-def test_locked_groups_are_left_alone_and_the_others_share_what_they_leave(source, target):
+def test_locked_groups_stay_and_others_share_the_remainder(source, target):
     set_weights(source, "Left", 0.9 * (1 - ramp(source)))
     set_weights(source, "Right", 0.9 * ramp(source))
     set_weights(source, "Held", np.full(len(source.data.vertices), 0.1))
@@ -174,7 +174,7 @@ def test_vertices_that_locked_groups_take_up_are_counted_in_the_report(source, t
     assert int(note.split(" on ")[1].split()[0]) == pytest.approx(without.sum(), abs=5)
 
 
-def test_an_armature_that_is_the_parent_deforms_too(source, target):
+def test_parent_armature_counts_as_deforming(source, target):
     armature = rig(("Left", "Right"))
     source.parent, source.parent_type = armature, "ARMATURE"
     keep_true_match(target, doubtful=10, notes=["A note."])
@@ -259,7 +259,7 @@ def test_attributes_of_points_faces_and_corners_arrive(source, target):
     np.testing.assert_array_equal(values(target.data, "own"), np.arange(len(points)))
 
 
-def test_materials_are_remapped_by_identity_and_missing_slots_appended(source, target):
+def test_materials_are_matched_by_identity_or_appended(source, target):
     red, green, blue = (new_material(name) for name in ("red", "green", "blue"))
     for material in (red, green, blue):
         source.data.materials.append(material)
@@ -287,7 +287,7 @@ def dress(source):
     source.data.materials.append(new_material("red"))
 
 
-def test_a_transfer_that_fails_on_the_last_of_many_leaves_the_scene_untouched(source, target):
+def test_failed_transfer_changes_nothing(source, target):
     dress(source)
     values_with_a_hole = values(source.data, "UV B")
     values_with_a_hole[1234] = np.nan
@@ -333,7 +333,7 @@ def test_one_transfer_is_one_undo_step(source, target):
     assert snapshot_file() == after
 
 
-def test_a_group_that_bears_the_name_of_an_attribute_is_noted(source, target):
+def test_group_named_like_an_attribute_is_noted(source, target):
     dress(source)
     add_attribute(target.data, "Left", "FLOAT", "POINT", np.zeros(len(target.data.vertices)))
     report = transfer(source, target, "vertex_groups")
@@ -373,7 +373,7 @@ def test_nothing_to_transfer_is_an_error(source, target):
         transfer(source, target, "uv_maps", "materials")
 
 
-def test_a_kept_match_is_used_and_a_missing_one_is_made(source, target, monkeypatch):
+def test_stored_match_is_used_and_a_missing_one_is_computed(source, target, monkeypatch):
     dress(source)
     target_without = link("Without", target.data.copy())
     for name in ("zoomout_triangle", "zoomout_barycentric", "zoomout_confidence"):
@@ -389,7 +389,7 @@ def test_a_kept_match_is_used_and_a_missing_one_is_made(source, target, monkeypa
 
 
 @pytest.mark.slow
-def test_settings_that_a_kept_match_was_not_made_with_are_reported_to_be_without_effect(source, target):
+def test_settings_without_effect_on_a_stored_match_are_reported(source, target):
     dress(source)
     activate(target, source)
 
@@ -408,7 +408,7 @@ def test_settings_that_a_kept_match_was_not_made_with_are_reported_to_be_without
     assert unused(initial="PROXIMITY", k_final=40) == []
 
 
-def test_without_a_choice_the_source_is_the_one_that_was_matched(source, target):
+def test_matched_source_is_the_default(source, target):
     dress(source)
     activate(target)
     assert bpy.ops.zoomout.transfer() == {"FINISHED"}
@@ -419,7 +419,7 @@ def test_without_a_choice_the_source_is_the_one_that_was_matched(source, target)
         bpy.ops.zoomout.match()
 
 
-def test_what_is_adjusted_afterwards_takes_the_match_that_was_made(source, target, monkeypatch):
+def test_adjusting_reuses_the_computed_match(source, target, monkeypatch):
     dress(source)
     target.data.attributes.remove(target.data.attributes["zoomout_triangle"])
     transfer_objects(bpy.context, source, target, ["uv_maps"], k_final=30)
@@ -438,7 +438,7 @@ def test_what_is_adjusted_afterwards_takes_the_match_that_was_made(source, targe
         jobs.run(adjusted())
 
 
-def test_only_what_can_be_adjusted_is_drawn_and_no_match(target):
+def test_redo_panel_shows_only_adjustable_settings(target):
     drawn = []
     for operator in (ZOOMOUT_OT_transfer, ZOOMOUT_OT_match, ZOOMOUT_OT_bind_to_rig):
         rna = getattr(bpy.ops.zoomout, operator.bl_idname.split(".")[1]).get_rna_type()
@@ -483,7 +483,7 @@ def test_a_match_that_is_out_of_date_is_refused(source, target):
     transfer(source, target, "uv_maps")
 
 
-def test_a_second_transfer_changes_nothing_but_what_changed_on_the_source(source, target):
+def test_repeated_transfer_changes_only_updated_data(source, target):
     dress(source)
     transfer_objects(bpy.context, source, target)
     first = snapshot(target)
@@ -498,7 +498,7 @@ def test_a_second_transfer_changes_nothing_but_what_changed_on_the_source(source
     }
 
 
-def test_the_report_says_what_was_written_and_what_was_not(source, target):
+def test_report_lists_written_and_skipped_data(source, target):
     dress(source)
     for name in ("Basis", "Smile"):
         source.shape_key_add(name=name)
@@ -527,7 +527,7 @@ def test_the_report_says_what_was_written_and_what_was_not(source, target):
     assert transfer_report(source) is None
 
 
-def test_a_mesh_that_several_objects_share_is_written_once_and_the_report_says_so(source, target):
+def test_shared_mesh_is_written_once_and_reported(source, target):
     dress(source)
     other = link("Twin", target.data)
     report = transfer_objects(bpy.context, source, target)
@@ -536,7 +536,7 @@ def test_a_mesh_that_several_objects_share_is_written_once_and_the_report_says_s
     assert other.material_slots[0].material.name == "red"
 
 
-def test_a_source_with_modifiers_gives_the_data_that_they_leave(source, target):
+def test_source_modifiers_apply_to_transferred_data(source, target):
     dress(source)
     finer = source.modifiers.new("Finer", "SUBSURF")
     finer.levels, finer.subdivision_type = 1, "SIMPLE"
@@ -547,7 +547,7 @@ def test_a_source_with_modifiers_gives_the_data_that_they_leave(source, target):
 
 
 @pytest.mark.slow
-def test_all_kinds_of_data_at_once_arrive_as_each_alone(source, target):
+def test_all_kinds_together_equal_each_alone(source, target):
     dress(source)
     points = positions(source.data)
     source.data.shade_smooth()

@@ -217,7 +217,7 @@ def test_dressing_is_translated_into_each_language():
         assert sorted(wanted - catalogue.keys()) == [], code
 
 
-def test_numbers_of_elements_have_separators_of_thousands():
+def test_counts_use_thousands_separators():
     plain = re.compile(r"\{count\} (of \{total\} )?(vertices|faces|triangles|edges|points|values)")
     assert list(filter(plain.search, templates())) == []
 
@@ -234,7 +234,7 @@ def test_translations_have_the_fields_of_the_english(code):
 
 
 @pytest.mark.parametrize("code", translations.LANGUAGES)
-def test_sentences_end_alike(code):
+def test_translations_end_like_the_english(code):
     for english, text in translations.LANGUAGES[code].items():
         assert text.endswith(FULL_STOPS) == english.endswith(FULL_STOPS), (
             english
@@ -242,7 +242,7 @@ def test_sentences_end_alike(code):
 
 
 @pytest.mark.parametrize("code", translations.LANGUAGES)
-def test_catalogues_are_complete_files_of_gettext(code):
+def test_catalogues_are_valid_gettext_files(code):
     path = Path(translations.__file__).parent / f"{code}.po"
     content = path.read_text(encoding="utf-8")
     assert content.count("\nmsgid ") == len(translations.LANGUAGES[code]) + 1  # the header
@@ -282,7 +282,7 @@ def test_catalogues_are_read(tmp_path):
 
 
 @pytest.mark.parametrize("line", ['msgctxt "Menu"', 'msgid_plural "b"', "msgid b", '"b"'])
-def test_what_is_not_looked_up_is_refused(tmp_path, line):
+def test_unsupported_catalogue_lines_are_refused(tmp_path, line):
     (tmp_path / "xx.po").write_text(f'{line}\nmsgid "a"\nmsgstr "b"\n', encoding="utf-8")
     with pytest.raises(ValueError, match="this line is not understood"):
         read_catalogue(tmp_path / "xx.po")

@@ -85,7 +85,7 @@ def moved_to(obj, other):
     return visible_positions(obj) + np.array(other.matrix_world.translation - obj.matrix_world.translation)
 
 
-def test_a_key_has_the_source_s_shape_and_is_shown(source, target):
+def test_wrap_key_has_the_shape_of_the_source(source, target):
     target.matrix_world = Matrix.LocRotScale((0, 5, 0), Euler((0, 1, 0)), (1, 0.5, 1))
     bpy.context.view_layer.update()
     before, basis = snapshot(source), positions(target.data)
@@ -100,7 +100,7 @@ def test_a_key_has_the_source_s_shape_and_is_shown(source, target):
     assert api.transfer_objects(bpy.context, source, target, ["attributes"])["vertices"] == len(basis)
 
 
-def test_it_can_be_done_again_with_the_key_shown(source, target):
+def test_wrapping_again_ignores_the_shown_key(source, target):
     api.wrap(bpy.context, source, target)
     first = key_shape(target.data, "Source")
     api.set_landmark(bpy.context, source, 1, 20)
@@ -115,7 +115,7 @@ def test_it_can_be_done_again_with_the_key_shown(source, target):
     assert len(target.data.shape_keys.key_blocks) == 2
 
 
-def test_the_mesh_itself_is_moved_and_its_keys_and_its_match_with_it(source, target):
+def test_wrapping_the_mesh_moves_its_keys_and_match(source, target):
     target.shape_key_add(name="Basis")
     up = target.shape_key_add(name="Up")
     up.value = 0
@@ -165,7 +165,7 @@ def test_the_source_can_be_wrapped_onto_the_target(source, target, result):
         assert snapshot(target) == before
 
 
-def test_outside_of_a_mask_the_form_is_kept(source, target):
+def test_shape_outside_the_mask_is_kept(source, target):
     points = positions(target.data)
     set_weights(target, "Top", points[:, 2] > 0)
     api.wrap(bpy.context, source, target, api.Wrapping("mesh", mask="Top"))
@@ -190,7 +190,7 @@ def test_landmarks_are_met_unless_they_are_not_wanted(source, target):
 
 
 @pytest.mark.parametrize("result", ["shape_key", "object"])
-def test_what_a_subdivision_shows_lies_on_the_source(source, target, result):
+def test_subdivided_surface_lies_on_the_source(source, target, result):
     target.modifiers.new("Subdivision", "SUBSURF").levels = 2
     bpy.context.view_layer.update()
 
@@ -211,14 +211,14 @@ def test_what_a_subdivision_shows_lies_on_the_source(source, target, result):
     assert told == [each and result == "shape_key" for each in (True, False, True)]
 
 
-def test_the_limit_is_that_of_the_modifier(target):
+def test_limit_surface_equals_that_of_the_modifier(target):
     surface = jobs.run(read_pair(bpy.context, "Source", "Target")).target
     target.modifiers.new("Subdivision", "SUBSURF").levels = 1
     wanted = cKDTree(visible_positions(target))
     assert wanted.query(limit_points(surface).limit @ surface.vertices)[0].max() < 1e-5
 
 
-def test_what_has_no_partner_is_told(source, target):
+def test_vertices_without_partner_are_reported(source, target):
     alone = positions(target.data)[:, 2] > 0.8
     keep_match_by_direction(target, ~alone)
     report = api.wrap(bpy.context, source, target)
@@ -254,7 +254,7 @@ def test_a_target_that_was_not_matched_yet_is_matched_first(source):
     assert off(moved_to(copy, source), source).max() < 1e-5
 
 
-def test_what_is_adjusted_afterwards_takes_the_match_that_was_made(source, monkeypatch):
+def test_adjusting_reuses_the_computed_match(source, monkeypatch):
     copy = ellipsoid("Copy", 4)
     prepare = partial(prepare_wrap, bpy.context, "Source", "Copy", initial="same_order")
     jobs.run(prepare(api.Wrapping()))  # as if it had been undone
@@ -263,13 +263,13 @@ def test_what_is_adjusted_afterwards_takes_the_match_that_was_made(source, monke
     assert copy.data.shape_keys is not None
 
 
-def test_only_what_can_be_adjusted_is_drawn():
+def test_redo_panel_shows_only_adjustable_settings():
     everything, rna = [], bpy.ops.zoomout.wrap.get_rna_type()
     ZOOMOUT_OT_wrap.draw(SimpleNamespace(layout=Layout(everything), bl_rna=rna), bpy.context)
     assert [name for _, name, _ in everything] == list(WrapOptions.__annotations__)
 
 
-def test_closed_halfway_it_changes_nothing(source, target):
+def test_cancelled_wrap_changes_nothing(source, target):
     before = snapshot_file()
     job = jobs.Job(prepare_wrap(bpy.context, "Source", "Target", api.Wrapping()))
     fractions = []

@@ -102,7 +102,7 @@ def test_every_type_of_attribute_arrives(source, matched, domain):
         assert apart.max() < 1e-5, name
 
 
-def test_marks_of_edges_and_the_shape_itself_arrive(source, matched):
+def test_edge_marks_and_shape_are_transferred(source, matched):
     upper = Counter(key for face in source.data.polygons if face.center.z > 0 for key in face.edge_keys)
     around = [upper[edge.key] == 1 for edge in source.data.edges]
     source.data.edges.foreach_set("use_seam", around)
@@ -117,7 +117,7 @@ def test_marks_of_edges_and_the_shape_itself_arrive(source, matched):
 
 
 @pytest.mark.parametrize("start", ["LANDMARKS", "PROXIMITY", "NEAREST", "SAME_ORDER"])
-def test_a_match_can_start_from_what_is_known(source, start):
+def test_match_starts_from_landmarks_proximity_or_vertex_order(source, start):
     twin = ellipsoid("Twin", 4)
     bpy.context.view_layer.update()
     activate(twin, source)
@@ -132,7 +132,7 @@ def test_a_match_can_start_from_what_is_known(source, start):
     assert np.linalg.norm(found - positions(twin.data), axis=1).mean() < 0.05
 
 
-def test_landmarks_are_placed_from_what_is_selected_taken_off_and_cleared(source, target):
+def test_landmarks_are_placed_from_selection_removed_and_cleared(source, target):
     for obj in (source, target):
         obj.select_set(True)
     bpy.ops.object.mode_set(mode="EDIT")
@@ -152,7 +152,7 @@ def test_landmarks_are_placed_from_what_is_selected_taken_off_and_cleared(source
     assert len(landmarks) == 0
 
 
-def test_another_candidate_takes_the_place_of_the_match_and_gives_it_back(source, target):
+def test_choosing_another_candidate_is_reversible(source, target):
     assert zoomout.match() == {"FINISHED"}
     first = triangles(target)
     listing = part("storage.stored_candidates").read(target.data)
@@ -164,7 +164,7 @@ def test_another_candidate_takes_the_place_of_the_match_and_gives_it_back(source
     np.testing.assert_array_equal(triangles(target), first)
 
 
-def test_several_targets_receive_in_one_undo_step(source, target):
+def test_transfer_to_several_targets_is_one_undo_step(source, target):
     other = decimate("Other", 4)
     bpy.context.view_layer.update()
     activate(target, other, source)
@@ -194,7 +194,7 @@ def test_collections_are_matched_part_by_part(source, target):
     assert kept == {"Target": "Source", "Target Eye": "Source Eye"}
 
 
-def test_a_mesh_is_cut_along_seams_and_keeps_its_match(source, matched):
+def test_cutting_seams_keeps_the_match(source, matched):
     upper = np.array([loop.vertex_index for loop in source.data.loops]).reshape(-1, 3)
     upper = (positions(source.data)[upper, 2].mean(axis=1) > 0).repeat(3)
     source.data.uv_layers["UVMap"].data.foreach_set(
@@ -208,7 +208,7 @@ def test_a_mesh_is_cut_along_seams_and_keeps_its_match(source, matched):
     assert zoomout.transfer() == {"FINISHED"}
 
 
-def test_colours_are_shown_and_taken_away_without_a_trace(source, matched):
+def test_preview_colours_are_removed_without_a_trace(source, matched):
     before = snapshot_file()
     for kind in ("CONFIDENCE", "PLACES", "CHECKER"):
         assert zoomout.preview(kind=kind) == {"FINISHED"}
@@ -218,7 +218,7 @@ def test_colours_are_shown_and_taken_away_without_a_trace(source, matched):
     assert snapshot_file() == before
 
 
-def test_after_an_edit_a_match_is_out_of_date_and_says_so(source, matched):
+def test_edited_target_makes_match_out_of_date(source, matched):
     matched.data.vertices[3].co.x += 0.1
     bpy.context.view_layer.update()
     part("services.preflight").stale(bpy.context, matched)
@@ -231,7 +231,7 @@ def test_after_an_edit_a_match_is_out_of_date_and_says_so(source, matched):
         zoomout.transfer()
 
 
-def test_everything_is_done_along_a_symmetry(symmetric):
+def test_every_symmetry_operator_works(symmetric):
     points = positions(symmetric.data)
     left, right = points[:, 0] > 0.05, points[:, 0] < -0.05
     assert zoomout.detect_symmetry() == {"FINISHED"}

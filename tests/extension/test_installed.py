@@ -88,7 +88,7 @@ def smooth(points):
     return np.clip(0.5 + points[:, 0], 0, 1)
 
 
-def test_blender_itself_finds_the_zip_valid():
+def test_zip_passes_validation_by_blender():
     scripts = Path(bpy.utils.system_resource("SCRIPTS"))
     tool = scripts / "addons_core" / "bl_pkg" / "cli" / "blender_ext.py"
     tags = scripts / "modules" / "_bpy_internal" / "extensions" / "tags.py"
@@ -97,7 +97,7 @@ def test_blender_itself_finds_the_zip_valid():
     assert judged.returncode == 0, judged.stdout + judged.stderr
 
 
-def test_the_zip_holds_what_it_should_and_nothing_that_reviewers_refuse():
+def test_zip_contains_only_expected_files_and_no_forbidden_code():
     suffixes = {name.partition("/")[0] == "docs": set() for name in CONTENT}
     for name in CONTENT:
         suffixes[name.partition("/")[0] == "docs"].add(Path(name).suffix)
@@ -110,14 +110,14 @@ def test_the_zip_holds_what_it_should_and_nothing_that_reviewers_refuse():
     assert [name for name, text in code.items() if refused.search(text)] == []
 
 
-def test_it_runs_on_its_own_wheels_and_the_numpy_of_blender(installed):
+def test_extension_uses_its_own_wheels_and_numpy_of_blender(installed):
     for name in ("zoomout_core", "scipy", "robust_laplacian", "fast_simplification", "threadpoolctl"):
         assert USER in Path(sys.modules[name].__file__).parents, name
     assert USER not in Path(np.__file__).parents
     assert "blender_addon" not in sys.modules
 
 
-def test_a_match_finds_the_true_points(pair):
+def test_match_is_accurate(pair):
     source, target = pair
     assert bpy.ops.zoomout.match() == {"FINISHED"}
     source.data.calc_loop_triangles()
@@ -186,7 +186,7 @@ def sharp_edges(mesh):
     return [edge.key for edge in mesh.edges if edge.use_edge_sharp]
 
 
-def test_a_match_outlives_saving_reopening_and_a_new_process(pair, tmp_path):
+def test_match_survives_saving_and_reopening(pair, tmp_path):
     file = str(tmp_path / "matched.blend")
     assert bpy.ops.zoomout.match() == {"FINISHED"}
     bpy.ops.wm.save_as_mainfile(filepath=file)
@@ -200,7 +200,7 @@ def test_a_match_outlives_saving_reopening_and_a_new_process(pair, tmp_path):
     assert later.returncode == 0, later.stdout + later.stderr
 
 
-def test_pipelines_have_a_command(pair):
+def test_command_line_transfers_vertex_groups(pair):
     command = importlib.import_module(f"{EXTENSION}.cli").main
     assert command(["transfer", "--source", "Source", "--target", "Target", "--data", "vertex_groups"]) == 0
     np.testing.assert_allclose(
@@ -221,7 +221,7 @@ def test_options_are_kept_as_presets(installed):
     assert bpy.utils.preset_find("rig", "zoomout/transfer")  # came along
 
 
-def test_the_preferences_of_the_extension_show_what_is_new(installed):
+def test_preferences_link_to_whats_new_of_this_version(installed):
     found = bpy.context.preferences.addons[EXTENSION].preferences
     assert type(found).__name__ == "ZOOMOUT_AP_preferences"
     assert found.prepare_ahead
@@ -230,7 +230,7 @@ def test_the_preferences_of_the_extension_show_what_is_new(installed):
     assert f">{MANIFEST['version']}</h2>" in news
 
 
-def test_the_guide_is_a_page_that_came_along(installed):
+def test_guide_ships_with_the_extension(installed):
     manual = importlib.import_module(f"{EXTENSION}.ui.manual")
     addresses = {
         bpy.types.WM_OT_doc_view_manual._lookup_rna_url(f"bpy.ops.zoomout.{name}", verbose=False)
@@ -243,7 +243,7 @@ def test_the_guide_is_a_page_that_came_along(installed):
         assert "<html" in page.read_text(encoding="utf-8")
 
 
-def test_disabled_it_leaves_no_trace_and_can_come_back(installed):
+def test_extension_disables_without_trace_and_re_enables(installed):
     enabled = traces()
     assert {"Scene.zoomout", "zoomout.match", "zoomout.transfer"} <= set(enabled)
     assert addon_utils.enable(EXTENSION, default_set=True) is not None  # again
@@ -273,7 +273,7 @@ def traces():
     return Counter(found)
 
 
-def test_uninstalled_it_takes_its_wheels_along(installed):
+def test_uninstalling_removes_the_wheels(installed):
     repository = next(repo for repo in bpy.context.preferences.extensions.repos if repo.module == "user_default")
     assert bpy.ops.extensions.package_uninstall(repo_directory=repository.directory, pkg_id=MANIFEST["id"]) == {
         "FINISHED"

@@ -56,7 +56,7 @@ def check_texture(mesh, target):
 
 
 @pytest.mark.parametrize("name", ["result.ply", "result.obj"])
-def test_the_output_has_the_texture_coordinates_and_its_textures_beside_it(files, tmp_path, name):
+def test_output_has_texture_coordinates_and_textures(files, tmp_path, name):
     folder, target = files
     ran = run(folder / "creature.ply", folder / "target.ply", "-o", tmp_path / name)
     assert ran.exit_code == 0, ran.output
@@ -89,7 +89,7 @@ def test_a_match_that_is_probably_wrong_is_written_only_by_force(files, tmp_path
 
 
 @pytest.mark.slow
-def test_the_options_of_the_match_are_understood(files, tmp_path):
+def test_match_accepts_landmarks_detail_and_seed(files, tmp_path):
     folder, target = files
     ms = pymeshlab.MeshSet()
     ms.load_new_mesh(str(folder / "creature.obj"))
@@ -140,9 +140,7 @@ def scans(files, tmp_path):
     return scans
 
 
-def test_a_folder_of_targets_is_written_to_a_folder_and_one_that_fails_leaves_the_others_alone(
-    files, scans, tmp_path, monkeypatch
-):
+def test_failed_target_does_not_stop_the_batch(files, scans, tmp_path, monkeypatch):
     folder, target = files
     monkeypatch.chdir(tmp_path)  # relative names still mean the same after a file that cannot be read
     out = Path("out")
@@ -169,7 +167,7 @@ def test_a_folder_of_targets_is_written_to_a_folder_and_one_that_fails_leaves_th
     assert "texcoord" in second["transferred"]
 
 
-def test_parts_of_a_source_have_the_names_in_its_file(tmp_path):
+def test_notes_name_source_parts_by_their_materials(tmp_path):
     made = creature(0.14, SOURCE_POSE)
     body = zoomout_core.Surface(made.vertices, made.faces)
     lump = zoomout_core.Surface(body.vertices * 0.3 + body.vertices[body.vertices[:, 2].argmax()], body.triangles)
@@ -186,7 +184,7 @@ def test_parts_of_a_source_have_the_names_in_its_file(tmp_path):
     assert "Almost nothing arrives from 'Hat'." in ran.output
 
 
-def test_targets_that_all_fail_are_an_error(files, scans, tmp_path):
+def test_batch_fails_if_every_target_fails(files, scans, tmp_path):
     folder, _ = files
     ran = run(folder / "creature.ply", scans / "broken.ply", scans / "notes.txt", "-o", tmp_path / "out")
     assert ran.exit_code == 1
@@ -205,7 +203,7 @@ def test_the_format_of_the_files_in_a_folder_can_be_chosen(files, tmp_path):
 
 
 @pytest.mark.slow
-def test_textures_that_share_a_name_do_not_take_each_others_place(tmp_path):
+def test_different_textures_of_one_name_do_not_overwrite_each_other(tmp_path):
     """The source has colours only, so each target keeps its textures."""
     ms = pymeshlab.MeshSet()
     made = creature(0.15, SOURCE_POSE)
@@ -238,7 +236,7 @@ def test_textures_that_share_a_name_do_not_take_each_others_place(tmp_path):
         (["again"], "out", "contains no meshes: check"),
     ],
 )
-def test_what_cannot_be_written_is_said_before_the_work(files, scans, tmp_path, targets, output, sentence):
+def test_unwritable_output_is_refused_before_matching(files, scans, tmp_path, targets, output, sentence):
     folder, _ = files
     (tmp_path / "again").mkdir()
     before = sorted(tmp_path.rglob("*"))
@@ -263,7 +261,7 @@ def test_filters_are_listed_searched_and_described():
     assert CliRunner().invoke(main, ["describe", "nothing"]).exit_code == 1
 
 
-def test_samples_are_written_into_a_new_folder_alone(tmp_path):
+def test_samples_require_an_empty_folder(tmp_path):
     (tmp_path / "character.obj").write_text("mine")
     ran = CliRunner().invoke(main, ["samples", str(tmp_path)])
     assert ran.exit_code == 1

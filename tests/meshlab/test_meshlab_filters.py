@@ -73,7 +73,7 @@ def test_every_filter_is_listed_and_is_a_function_of_the_package():
         assert all(f"{p.name}: {p.meaning}" in function.__doc__ for p in row.parameters)
 
 
-def test_filters_are_found_by_words_in_any_order_and_of_this_project_also_by_what_they_take(capsys):
+def test_search_finds_filters_by_words_in_names_and_parameters(capsys):
     found = search("TEXTURE transfer")
     assert "transfer_attributes_by_zoomout" in found  # a parameter names textures
     assert "transfer_texture_to_color_per_vertex" in found
@@ -85,7 +85,7 @@ def test_filters_are_found_by_words_in_any_order_and_of_this_project_also_by_wha
     assert [line.partition(":")[0] for line in capsys.readouterr().out.splitlines()] == list(CATALOGUE)
 
 
-def test_a_callback_is_told_of_progress_and_may_end_the_work(pair):
+def test_callback_receives_progress_and_can_cancel(pair):
     told = []
     meshlab_filter.compute_correspondence_by_zoomout(
         pair, detail="fast", callback=lambda fraction, stage: told.append((fraction, stage))
@@ -177,7 +177,7 @@ def test_a_correspondence_with_another_source_is_refused(found):
         meshlab_filter.compute_color_by_correspondence(copied)
 
 
-def test_corresponding_places_are_coloured_alike(found, source):
+def test_corresponding_points_get_equal_colours(found, source):
     ms, report = found
     copied = copy_of(ms)
     copied.set_current_mesh(0)
@@ -190,7 +190,7 @@ def test_corresponding_places_are_coloured_alike(found, source):
     np.testing.assert_allclose(copied.mesh(1).vertex_color_matrix()[:, :3], expected, atol=0.5001 / 255)
 
 
-def test_the_error_against_the_truth_is_the_distance_to_it(found, source, target):
+def test_error_is_the_distance_to_the_truth(found, source, target):
     ms, report = found
     copied = copy_of(ms)
     true = np.argmin(np.linalg.norm(source.rest[None] - target.rest[:, None], axis=2), axis=1)
@@ -211,8 +211,8 @@ def test_the_error_against_the_truth_is_the_distance_to_it(found, source, target
         meshlab_filter.compute_scalar_by_correspondence_error(copied, truth="correspondence_confidence", name="other")
 
 
-def test_the_way_back_finds_what_is_off(found, target):
-    """The images of one limb's tip are exchanged with another's, which the inverse map reveals."""
+def test_inverse_map_reveals_wrong_vertices(found, target):
+    """One limb's tip gets the images of another's."""
     copied = copy_of(found[0])
     mesh = copied.mesh(1)
     tip = target.rest[:, 1] > 1.5
@@ -247,7 +247,7 @@ def test_eigenfunctions_become_attributes_and_quality(pair, target):
     assert everything(pair) == before
 
 
-def test_eigenfunctions_of_points_are_those_of_the_surface_that_they_lie_on():
+def test_point_cloud_eigenfunctions_equal_those_of_the_surface():
     made = creature(0.08, TARGET_POSE)
     said, quality = [], []
     for mesh in (made.mesh(), pymeshlab.Mesh(made.vertices)):
@@ -259,7 +259,7 @@ def test_eigenfunctions_of_points_are_those_of_the_surface_that_they_lie_on():
     assert abs(np.corrcoef(*quality)[0, 1]) > 0.99
 
 
-def test_the_target_takes_on_the_shape_of_the_source(found, source, target):
+def test_conform_gives_target_the_shape_of_source(found, source, target):
     copied = copy_of(found[0])
     conformed = meshlab_filter.apply_conform_by_zoomout(copied, correspondence="correspondence")
     mesh = copied.mesh(conformed["mesh_id"])
@@ -290,7 +290,7 @@ def test_normals_turn_with_the_surface(found, target):
 
 
 @pytest.mark.slow
-def test_the_symmetry_tells_left_from_right():
+def test_symmetry_distinguishes_left_from_right():
     """An ellipsoid with a head, whose left is +y."""
     ms = pymeshlab.MeshSet()
     ms.create_sphere(subdiv=4)

@@ -54,7 +54,7 @@ def pixels(image, folder):
     return np.array(Image.open(folder / "seen.png").convert("RGB"))
 
 
-def test_a_layer_that_is_read_and_added_is_the_same_in_all_that_it_has(rich, tmp_path):
+def test_layer_round_trip_keeps_all_data(rich, tmp_path):
     layer = read_layer(rich, 0, ["heat", "flow"])
     old, new = rich.mesh(0), rich.mesh(add_layer(rich, replace(layer, label="new")))
     assert new.label() == "new"
@@ -79,13 +79,13 @@ def test_textures_arrive_without_loss(rich, tmp_path):
         np.testing.assert_array_equal(pixels(new[after], tmp_path), pixels(old[before], tmp_path))
 
 
-def test_the_surface_lies_where_the_transform_puts_the_layer(rich):
+def test_surface_applies_the_layer_transform(rich):
     surface = read_layer(rich, 0).surface
     np.testing.assert_allclose(surface.vertices, rich.mesh(0).transformed_vertex_matrix(), atol=1e-12)
     np.testing.assert_array_equal(surface.triangles, rich.mesh(0).face_matrix())
 
 
-def test_colours_are_handed_on_scene_linear():
+def test_colours_are_converted_to_scene_linear():
     colors = np.array([[0.0, 0.5, 1.0, 0.25], [188 / 255, 10 / 255, 0.2, 1], [0, 0, 0, 1]])
     ms = pymeshlab.MeshSet()
     ms.add_mesh(pymeshlab.Mesh(np.eye(3), np.array([[0, 1, 2]]), v_color_matrix=colors))
@@ -94,14 +94,14 @@ def test_colours_are_handed_on_scene_linear():
     np.testing.assert_allclose(values[:, 3], [63 / 255, 1, 1], atol=1e-2)
 
 
-def test_what_meshlab_fills_in_by_itself_is_not_there():
+def test_defaults_filled_in_by_meshlab_are_ignored():
     ms = pymeshlab.MeshSet()
     ms.add_mesh(pymeshlab.Mesh(np.eye(3), np.array([[0, 1, 2]])))  # white, of quality 0, nothing selected
     assert ms.mesh(0).has_vertex_color()
     assert read_layer(ms, 0).components == {}
 
 
-def test_the_grey_that_meshlab_gives_to_faces_without_a_material_is_not_there(tmp_path):
+def test_default_grey_of_faces_without_material_is_ignored(tmp_path):
     lines = ["v 0 0 0", "v 1 0 0", "v 0 1 0", "vt 0 0", "vt 1 0", "vt 0 1"]
     (tmp_path / "plain.obj").write_text("\n".join([*lines, "f 1/1 2/2 3/3"]))
     (tmp_path / "blue.mtl").write_text("newmtl blue\nKd 0.2 0.4 0.8\n")
@@ -125,14 +125,14 @@ def test_texture_coordinates_of_vertices_become_those_of_corners():
     np.testing.assert_array_equal(ms.mesh(add_layer(ms, layer)).wedge_tex_coord_matrix(), coordinates[faces.ravel()])
 
 
-def test_texture_coordinates_that_are_all_zero_are_not_there():
+def test_zero_texture_coordinates_are_ignored():
     ms = pymeshlab.MeshSet()
     ms.add_mesh(pymeshlab.Mesh(np.eye(3), np.array([[0, 1, 2]]), w_tex_coords_matrix=np.zeros((3, 2))))
     assert ms.mesh(0).has_wedge_tex_coord()
     assert read_layer(ms, 0).components == {}
 
 
-def test_coordinates_that_are_not_numbers_leave_the_others_alone():
+def test_nan_texture_coordinates_leave_others_unchanged():
     coordinates = np.array([[0.0, 0], [1, 0], [0, 1], [np.nan, 0], [0, np.nan], [1, 1]])
     ms = pymeshlab.MeshSet()
     faces = np.array([[0, 1, 2], [2, 1, 3]])
@@ -162,7 +162,7 @@ def test_polygons_are_kept_where_there_are_no_texture_coordinates():
     assert corner_sets(new.polygonal_face_list()) == corner_sets(quads()[1])
 
 
-def test_texture_coordinates_of_polygons_reach_an_obj_file(tmp_path):
+def test_polygon_texture_coordinates_are_written_to_obj(tmp_path):
     vertices, faces = quads()
     lines = ["v {} {} {}".format(*vertex) for vertex in vertices]
     lines += ["f " + " ".join(str(corner + 1) for corner in face) for face in faces]
@@ -184,7 +184,7 @@ def test_texture_coordinates_of_polygons_reach_an_obj_file(tmp_path):
 
 
 @pytest.mark.parametrize("broken", ["a face that names a vertex twice", "a vertex that is not finite"])
-def test_a_target_that_meshlab_would_thin_out_is_refused_beforehand(broken):
+def test_target_that_meshlab_would_prune_is_refused(broken):
     vertices = np.vstack([np.eye(3), [[0, 0, 0], [1, 1, 1]]])
     faces = np.array([[0, 1, 2], [1, 0, 3]])
     if "twice" in broken:
@@ -207,7 +207,7 @@ def test_a_missing_mesh_and_a_missing_attribute_are_named(rich):
         read_layer(rich, 0, ["heat", "mine"])
 
 
-def test_a_name_that_vertices_and_faces_have_is_read_of_both(rich):
+def test_name_shared_by_vertices_and_faces_reads_both(rich):
     heat = read_layer(rich, 0, ["heat"]).custom
     assert [attribute.domain for attribute in heat] == [Domain.POINT, Domain.FACE]
 

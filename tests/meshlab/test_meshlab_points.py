@@ -28,7 +28,7 @@ def clouds():
     return ms, meshlab_filter.compute_correspondence_by_zoomout(ms)
 
 
-def test_points_correspond_as_the_surfaces_do_that_they_lie_on(clouds):
+def test_point_clouds_match_like_their_surfaces(clouds):
     ms, report = clouds
     place = np.column_stack([ms.mesh(1).vertex_custom_scalar_attribute_array(f"correspondence_{a}") for a in "xyz"])
     true = np.linalg.norm(SOURCE.rest[None] - TARGET.rest[:, None], axis=2).argmin(axis=1)
@@ -36,7 +36,7 @@ def test_points_correspond_as_the_surfaces_do_that_they_lie_on(clouds):
     assert report["certainty"] > 0.5
 
 
-def test_points_take_what_points_have(clouds):
+def test_point_data_is_transferred_to_points(clouds):
     ms, _ = clouds
     report = meshlab_filter.transfer_attributes_by_zoomout(ms, correspondence="correspondence", selectiontransfer=True)
     new = ms.mesh(report["mesh_id"])
@@ -47,7 +47,7 @@ def test_points_take_what_points_have(clouds):
     assert np.mean(new.vertex_selection_array() == (TARGET.rest[:, 0] > 0.5)) > 0.95
 
 
-def test_points_and_faces_mix(clouds):
+def test_data_is_transferred_between_points_and_faces(clouds):
     """Faces receive from points; points receive the vertex data of faces, and a note on the rest."""
     ms, _ = clouds
     given = meshlab_filter.transfer_attributes_by_zoomout(ms, sourcemesh=0, targetmesh=2)
@@ -61,7 +61,7 @@ def test_points_and_faces_mix(clouds):
     )
 
 
-def test_points_are_coloured_checked_and_bent(clouds):
+def test_points_are_coloured_measured_and_conformed(clouds):
     ms, _ = clouds
     meshlab_filter.compute_color_by_correspondence(ms)
     assert np.ptp(ms.mesh(1).vertex_color_matrix()[:, :3], axis=0).min() > 0.9
@@ -73,7 +73,7 @@ def test_points_are_coloured_checked_and_bent(clouds):
     assert np.linalg.norm(bent.vertex_matrix() - SOURCE.vertices[true], axis=1).mean() / SIZE < 0.03
 
 
-def test_points_have_a_left_and_a_right():
+def test_point_cloud_symmetry_has_left_and_right():
     made = sample(SYMMETRIC, 0.14, np.zeros(6))
     ms = pymeshlab.MeshSet()
     ms.add_mesh(pymeshlab.Mesh(made.vertices))
@@ -82,7 +82,7 @@ def test_points_have_a_left_and_a_right():
     assert np.mean((side > 0)[clear] == (made.rest[:, 1] > 0)[clear]) > 0.98
 
 
-def test_normals_of_points_are_heeded_and_arrive(clouds):
+def test_point_normals_are_read_and_written(clouds):
     """Unit normals in the global frame; a cloud that is read and added is unchanged."""
     ms = pymeshlab.MeshSet()
     normals = np.random.default_rng(0).standard_normal((len(TARGET.vertices), 3))

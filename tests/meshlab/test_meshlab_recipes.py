@@ -81,7 +81,7 @@ def test_texture_a_retopologised_scan(folder, target):
     assert sorted(ms.current_mesh().textures()) == ["back.png", "front.png"]
 
 
-def test_the_recipe_of_the_readme(folder, target):
+def test_readme_recipe_textures_the_scan(folder, target):
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
     run("MeshLab", dict(re.findall(r"^### (.*?)$.*?```python\n(.*?)```", readme, re.MULTILINE | re.DOTALL)))
     ms = pymeshlab.MeshSet()
@@ -101,7 +101,7 @@ def gradient(pixels=256):
     return Image.fromarray(np.rint(255 * np.stack([u, v, 0 * u], axis=-1)).astype(np.uint8))
 
 
-def test_bake_the_texture_anew(folder, target):
+def test_bake_a_new_texture(folder, target):
     for name in ("front.png", "back.png"):
         gradient().save(folder / name)
     names = run("Bake a new texture")
@@ -149,7 +149,7 @@ def share_of_background(image, uv, faces):
     return np.mean(map_coordinates(image, places[:, ::-1].T, order=1) > 10)
 
 
-def test_a_baked_texture_shows_nothing_from_beyond_islands(folder, source, target):
+def test_baked_texture_has_no_colour_from_outside_islands(folder, source, target):
     """MeshLab's own filter does, wherever a face crosses a seam; the figure is that of the document."""
     paint_backgrounds(folder, source)
     ms = run("Bake a new texture")["ms"]
@@ -257,7 +257,7 @@ def test_every_command_of_the_document_runs(folder, target):
     assert 0.8 < checked.current_mesh().vertex_number() / len(target.vertices) < 1
 
 
-def test_transfer_is_several_times_as_exact_as_by_the_closest_point(folder, source, target):
+def test_transfer_is_more_accurate_than_closest_point(folder, source, target):
     """In another pose; the figures are those of the document's table."""
     colors = np.column_stack([0.5 + source.rest / 6, np.ones(len(source.rest))])
     truth = 0.5 + target.rest / 6

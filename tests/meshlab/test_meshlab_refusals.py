@@ -87,14 +87,14 @@ def check_refusal(ms, sentence, name, /, **parameters):
         ("compute_correspondence_by_zoomout", {"landmarks": "nowhere.txt", "initial": "landmarks"}, "nowhere.txt"),
     ],
 )
-def test_what_cannot_be_applied_is_said_in_a_sentence_and_changes_nothing(pair, name, parameters, sentence):
+def test_invalid_filter_calls_are_refused_and_change_nothing(pair, name, parameters, sentence):
     check_refusal(pair, sentence, name, **parameters)
 
 
 @pytest.mark.parametrize(
     ("name", "parameter"), [(name, parameter) for name, row in CATALOGUE.items() for parameter in row.parameters]
 )
-def test_a_value_of_another_type_is_refused_and_the_parameter_named(pair, name, parameter):
+def test_wrong_parameter_type_is_refused_by_name(pair, name, parameter):
     for value in WRONG[parameter.type]:
         check_refusal(pair, f"The filter {name}: '{parameter.name}' is .*: give ", name, **{parameter.name: value})
 
@@ -115,7 +115,7 @@ def test_wrong_ids_three_points_and_empty_meshes_are_refused(odd, name, side, me
 
 
 @pytest.mark.parametrize("name", OF_CURRENT)
-def test_filters_of_the_current_mesh_want_one_that_is_large_enough(odd, name):
+def test_current_mesh_filters_refuse_too_small_meshes(odd, name):
     check_refusal(pymeshlab.MeshSet(), "The MeshSet is empty: load a mesh", name)
     for mesh_id, sentence in ((2, "'points'"), (3, "'empty'"), (4, "vertices")):
         odd.set_current_mesh(mesh_id)
@@ -123,13 +123,13 @@ def test_filters_of_the_current_mesh_want_one_that_is_large_enough(odd, name):
 
 
 @pytest.mark.parametrize("name", [name for name in CATALOGUE if name not in BY_STORED])
-def test_points_that_no_surface_passes_through_are_refused(pair, name):
+def test_collinear_points_are_refused(pair, name):
     """On a line."""
     pair.add_mesh(pymeshlab.Mesh(np.outer(np.arange(50.0), [1, 2, 3])), "line")
     check_refusal(pair, "'line'.*line", name, **({"targetmesh": 2} if name in BY_PAIR else {}))
 
 
-def test_what_only_faces_have_finds_no_place_on_points(pair, shapes):
+def test_face_data_is_not_transferred_to_points(pair, shapes):
     source, target = shapes
     pair.add_mesh(source.mesh(f_scalar_array=np.arange(len(source.faces), dtype=float)), "by face")
     pair.add_mesh(pymeshlab.Mesh(target.vertices), "points")
@@ -142,7 +142,7 @@ def test_a_mesh_is_not_its_own_source(pair, name):
     check_refusal(pair, "A mesh cannot be its own source", name, sourcemesh=0, targetmesh=0)
 
 
-def test_a_mesh_that_was_not_loaded_is_named_beside_those_that_were(pair):
+def test_missing_mesh_error_lists_loaded_meshes(pair):
     pair.set_current_mesh(1)
     pair.delete_current_mesh()
     check_refusal(
@@ -156,11 +156,11 @@ def test_a_mesh_that_was_not_loaded_is_named_beside_those_that_were(pair):
 
 
 @pytest.mark.parametrize("name", BY_STORED)
-def test_filters_on_a_correspondence_want_one(pair, name):
+def test_missing_correspondence_is_refused(pair, name):
     check_refusal(pair, "has no correspondence 'correspondence': find it with", name)
 
 
-def test_a_target_that_has_a_hidden_fault_is_refused_before_the_work(pair, shapes):
+def test_target_with_nan_vertex_is_refused_before_matching(pair, shapes):
     _, target = shapes
     vertices = np.vstack([target.vertices, [[np.nan, 0, 0]]])
     pair.add_mesh(pymeshlab.Mesh(vertices, target.faces), "holed")
@@ -169,7 +169,7 @@ def test_a_target_that_has_a_hidden_fault_is_refused_before_the_work(pair, shape
 
 
 @pytest.mark.parametrize("name", CATALOGUE)
-def test_a_failure_in_the_midst_of_the_work_changes_nothing(pair, shapes, name, tmp_path, monkeypatch):
+def test_failure_during_work_changes_nothing(pair, shapes, name, tmp_path, monkeypatch):
     """All functions of the core fail."""
     if name == "transfer_texture_by_zoomout":
         pair = textured(tmp_path, *shapes)
@@ -195,7 +195,7 @@ def textured(folder, source, target):
     return ms
 
 
-def test_what_cannot_be_baked_is_said_before_the_work(shapes, tmp_path):
+def test_impossible_bake_is_refused_before_matching(shapes, tmp_path):
     source, target = shapes
     ms = textured(tmp_path, source, target)
     ms.add_mesh(source.mesh(), "bare")
@@ -218,7 +218,7 @@ def test_texture_coordinates_that_are_missing_are_named(pair):
     assert "Layer 'source' has no texcoord." in report["notes"]
 
 
-def test_the_parameters_of_the_matching_reach_it_from_python_and_from_scripts(pair, tmp_path, monkeypatch):
+def test_matching_parameters_reach_the_core(pair, tmp_path, monkeypatch):
     asked = []
 
     def listen(*_surfaces, **arguments):
@@ -249,7 +249,7 @@ def test_the_parameters_of_the_matching_reach_it_from_python_and_from_scripts(pa
         assert arguments == given | DETAIL["fine"]
 
 
-def test_another_candidate_is_another_correspondence(pair):
+def test_candidate_parameter_selects_another_correspondence(pair):
     best = meshlab_filter.compute_correspondence_by_zoomout(pair, detail="fast")
     second = meshlab_filter.compute_correspondence_by_zoomout(pair, detail="fast", candidate=1, name="second")
     assert best["candidates"][0]["total"] == second["candidates"][0]["total"]

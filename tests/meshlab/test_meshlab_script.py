@@ -48,7 +48,7 @@ def param(name, rich, value):
     return f'  <Param name="{name}" type="{rich}" value="{value}"/>\n'
 
 
-def test_a_script_that_meshlab_saved_does_what_it_did(meshes, tmp_path):
+def test_script_saved_by_meshlab_repeats_its_filters(meshes, tmp_path):
     """Absolute percentages, enumerations, whole numbers, switches, expressions and line breaks in tooltips."""
     made = loaded(meshes)
     made.apply_filter("meshing_surface_subdivision_midpoint", iterations=1, threshold=pymeshlab.PercentageValue(3))
@@ -69,7 +69,7 @@ DESKTOP = Path(__file__).with_name("desktop.mlx")
 
 
 @pytest.mark.parametrize("ending", ["\n", "\r\n"])
-def test_a_script_as_the_desktop_program_writes_it_runs_unchanged(meshes, tmp_path, ending):
+def test_script_of_desktop_meshlab_runs_unchanged(meshes, tmp_path, ending):
     """Every kind of parameter with its description and tooltip, and line ends of Linux and Windows."""
     path = tmp_path / "desktop.mlx"
     path.write_text(DESKTOP.read_text(encoding="utf-8"), encoding="utf-8", newline=ending)
@@ -96,7 +96,7 @@ def test_a_script_as_the_desktop_program_writes_it_runs_unchanged(meshes, tmp_pa
     assert mesh.vertex_color_matrix()[:, 0].min() == 1
 
 
-def test_lengths_in_percent_are_those_of_the_mesh(meshes, tmp_path):
+def test_percentages_are_relative_to_the_mesh(meshes, tmp_path):
     """For filters named as in the menus and as in Python, and for this project's."""
     made = loaded(meshes[1:])
     made.apply_filter("meshing_surface_subdivision_midpoint", iterations=1, threshold=pymeshlab.PercentageValue(3))
@@ -136,7 +136,7 @@ MIXED = (
 
 
 @pytest.mark.slow
-def test_filters_of_meshlab_and_of_this_project_mix(meshes, tmp_path):
+def test_scripts_mix_filters_of_meshlab_and_zoomout(meshes, tmp_path):
     output = tmp_path / "out.ply"
     ran = CliRunner().invoke(main, ["run", str(script(tmp_path, MIXED)), *map(str, meshes), "-o", str(output)])
     assert ran.exit_code == 0, ran.output
@@ -203,7 +203,7 @@ def test_filters_of_meshlab_and_of_this_project_mix(meshes, tmp_path):
         ),
     ],
 )
-def test_what_is_wrong_is_said_in_a_sentence_with_its_line(meshes, tmp_path, body, sentence):
+def test_script_errors_name_the_line(meshes, tmp_path, body, sentence):
     path = script(tmp_path, body)
     with pytest.raises(ValueError, match=sentence) as refusal:
         run_script(loaded(meshes), path)
@@ -226,7 +226,7 @@ def test_a_wrong_line_is_found_before_the_first_filter_runs(meshes, tmp_path):
     assert not output.exists()
 
 
-def test_a_script_that_leaves_no_mesh_says_so(meshes, tmp_path):
+def test_script_that_leaves_no_mesh_is_refused(meshes, tmp_path):
     path = script(tmp_path, '<filter name="delete_current_mesh"/>\n' * 3)
     with pytest.raises(ValueError, match=r"Line 5 of .*no mesh left"):
         run_script(loaded(meshes), path)
@@ -236,7 +236,7 @@ def test_a_script_that_leaves_no_mesh_says_so(meshes, tmp_path):
     assert "Error: The script leaves no mesh to write" in ran.output
 
 
-def test_a_folder_that_is_not_there_is_named_first(meshes, tmp_path):
+def test_missing_output_folder_is_reported(meshes, tmp_path):
     path = script(tmp_path, "")
     ran = CliRunner().invoke(main, ["run", str(path), *map(str, meshes), "-o", str(tmp_path / "nowhere" / "a.ply")])
     assert ran.exit_code == 1

@@ -82,7 +82,7 @@ def transferred(source, target):
     return ms, report
 
 
-def test_every_vertex_gets_the_data_of_its_place(transferred, target):
+def test_vertex_data_is_accurate(transferred, target):
     ms, report = transferred
     new = ms.mesh(report["mesh_id"])
     error = np.linalg.norm(new.vertex_custom_point_attribute_matrix("rest") - target.rest, axis=1) / SIZE
@@ -93,7 +93,7 @@ def test_every_vertex_gets_the_data_of_its_place(transferred, target):
     assert np.abs(new.vertex_color_matrix() - colors(target.rest)).mean() < 0.01
 
 
-def test_every_face_gets_the_data_of_its_place(transferred, target):
+def test_face_data_is_accurate(transferred, target):
     ms, report = transferred
     new, middle = ms.mesh(report["mesh_id"]), target.rest[target.faces].mean(axis=1)
     error = np.linalg.norm(new.face_custom_point_attribute_matrix("rest") - middle, axis=1) / SIZE
@@ -109,7 +109,7 @@ def test_selections_keep_their_outline(transferred, target):
     assert np.mean(new.face_selection_array() == (middle[:, 1] > 0)) > 0.95
 
 
-def test_closest_points_put_far_more_in_wrong_places(transferred, source, target):
+def test_transfer_misplaces_far_fewer_vertices_than_closest_point(transferred, source, target):
     ms, report = transferred
     ours = ms.mesh(report["mesh_id"]).vertex_custom_point_attribute_matrix("rest")
     theirs = np.empty_like(ours)
@@ -132,7 +132,7 @@ def test_closest_points_put_far_more_in_wrong_places(transferred, source, target
     assert error.mean() < 0.3 * their_error.mean()
 
 
-def test_the_report_and_the_new_layer_say_what_was_done(transferred, target):
+def test_report_and_new_layer_describe_the_transfer(transferred, target):
     ms, report = transferred
     new = ms.mesh(report["mesh_id"])
     assert ms.mesh_number() == 3
@@ -157,7 +157,7 @@ SWITCHES = {
 }
 
 
-def test_where_nothing_is_selected_on_the_source_nothing_is_on_the_target(coarse_source, coarse_target):
+def test_empty_source_selection_clears_target_selection(coarse_source, coarse_target):
     ms = pymeshlab.MeshSet()
     ms.add_mesh(coarse_source.mesh(), "source")
     ms.add_mesh(coarse_target.mesh(), "target")
@@ -190,13 +190,13 @@ def rich(tmp_path_factory, coarse_source, coarse_target):
 
 
 @pytest.mark.parametrize("switch", SWITCHES)
-def test_each_switch_transfers_what_it_names_and_nothing_else(rich, switch):
+def test_each_switch_transfers_only_its_data(rich, switch):
     switches = {name: name == switch for name in SWITCHES}
     report = transfer_attributes_by_zoomout(rich, correspondence="correspondence", **switches)
     assert set(report["transferred"]) == SWITCHES[switch]
 
 
-def test_source_and_target_stay_as_they_are(coarse_source, coarse_target):
+def test_source_and_target_are_unchanged(coarse_source, coarse_target):
     ms = mesh_set(coarse_source, coarse_target)
     before = everything(ms)
     transfer_attributes_by_zoomout(ms, qualitytransfer=False)
@@ -219,7 +219,7 @@ def test_source_and_target_stay_as_they_are(coarse_source, coarse_target):
         ({"targetmesh": 3}, "too small"),
     ],
 )
-def test_a_failure_is_one_sentence_and_leaves_the_mesh_set_as_it_is(coarse_source, coarse_target, arguments, sentence):
+def test_failure_is_one_sentence_and_changes_nothing(coarse_source, coarse_target, arguments, sentence):
     ms = mesh_set(coarse_source, coarse_target)
     ms.add_mesh(pymeshlab.Mesh(np.eye(3), np.array([[0, 1, 2]])), "small")
     ms.add_mesh(pymeshlab.Mesh(np.eye(3)), "points")
@@ -231,7 +231,7 @@ def test_a_failure_is_one_sentence_and_leaves_the_mesh_set_as_it_is(coarse_sourc
     assert everything(ms) == before
 
 
-def test_work_that_is_given_up_leaves_the_mesh_set_as_it_is(coarse_source, coarse_target):
+def test_cancelled_transfer_changes_nothing(coarse_source, coarse_target):
     ms = mesh_set(coarse_source, coarse_target)
     before = everything(ms)
     fractions = []
@@ -247,7 +247,7 @@ def test_work_that_is_given_up_leaves_the_mesh_set_as_it_is(coarse_source, coars
     assert fractions == sorted(fractions)
 
 
-def test_only_what_is_asked_for_replaces_what_the_target_has(source, target):
+def test_disabled_kinds_keep_target_data(source, target):
     ms = mesh_set(source, target)
     ms.add_mesh(target.mesh(v_color_matrix=colors(-target.rest), v_scalar_array=target.rest[:, 2]), "coloured")
     report = transfer_attributes_by_zoomout(ms, targetmesh=2, colortransfer=False)
@@ -257,7 +257,7 @@ def test_only_what_is_asked_for_replaces_what_the_target_has(source, target):
     assert np.abs(new.vertex_scalar_array() - target.rest[:, 0]).mean() / SIZE < 0.01
 
 
-def test_layers_are_compared_where_their_transforms_put_them(source, target):
+def test_proximity_uses_layer_transforms(source, target):
     """Their own coordinates are far apart, but their transforms move them over each other."""
     ms = pymeshlab.MeshSet()
     resting = creature(0.09, SOURCE_POSE)
@@ -274,7 +274,7 @@ def test_layers_are_compared_where_their_transforms_put_them(source, target):
 
 
 @pytest.mark.slow
-def test_landmarks_and_given_maps_reach_the_matching(source, target):
+def test_landmarks_and_initial_map_reach_the_matching(source, target):
     ms = mesh_set(source, target)
     places = np.array([[1.9, 0.6, 0.7], [0.7, 2.1, 0.1], [0.4, -1.7, -0.1], [-1.7, 1.5, 0], [-2.3, -0.7, 0.3]])
     ids = [np.argmin(np.linalg.norm(made.rest[:, None] - places, axis=2), axis=0) for made in (source, target)]
@@ -329,7 +329,7 @@ def test_parts_of_a_layer_are_named_by_its_textures(textured):
     assert {part.label for part in read_layer(ms, 1).parts.names} == {"part 0"}
 
 
-def test_texture_coordinates_are_those_of_the_place(textured, target):
+def test_texture_coordinates_are_accurate(textured, target):
     ms, report = textured
     uv = ms.mesh(report["mesh_id"]).wedge_tex_coord_matrix()
     error = np.linalg.norm(rest_of(uv) - target.rest[target.faces.ravel(), :2], axis=1) / SIZE

@@ -66,7 +66,7 @@ def test_a_project_of_the_desktop_program_is_read(tmp_path):
     assert first.visible
 
 
-def test_a_project_that_is_written_is_read_the_same_and_opens_in_meshlab(folder):
+def test_project_round_trip_opens_in_meshlab(folder):
     meshes = [
         ProjectMesh('the "first" & best', folder / "retopology.ply", ASIDE / 3 + np.eye(4), visible=False),
         ProjectMesh("character", folder / "character.obj", np.eye(4)),
@@ -81,7 +81,7 @@ def test_a_project_that_is_written_is_read_the_same_and_opens_in_meshlab(folder)
     np.testing.assert_allclose(ms.mesh(0).transform_matrix(), meshes[0].transform, atol=1e-6)
 
 
-def test_meshes_lie_beside_a_project_that_was_saved_to_another_folder(folder):
+def test_moved_project_finds_meshes_beside_it(folder):
     """MeshLab 2022 writes paths relative to the former folder."""
     text = (folder / "desktop.mlp").read_text().replace('filename="', 'filename="characters/')
     (folder / "desktop.mlp").write_text(text)
@@ -128,7 +128,7 @@ ENTITIES = "".join(f'<!ENTITY e{i + 1} "{f"&e{i};" * 10}">' for i in range(9))
         ('<!DOCTYPE a [<!ENTITY f SYSTEM "file:///etc/passwd">]><MeshLabProject/>', "declares the entity f: remove it"),
     ],
 )
-def test_a_project_that_cannot_be_used_is_told_in_a_sentence(tmp_path, text, sentence):
+def test_invalid_project_is_refused_in_a_sentence(tmp_path, text, sentence):
     path = tmp_path / "broken.mlp"
     path.write_text(text)
     with pytest.raises(ValueError, match=sentence) as refusal:
@@ -146,7 +146,7 @@ def test_a_script_that_declares_entities_is_refused(tmp_path):
 # --- watching -----------------------------------------------------------------------------------------------
 
 
-def test_what_is_saved_comes_back_beside_it_once(folder):
+def test_saved_project_is_processed_once(folder):
     ran = run("watch", folder, "--once", "--interval", 0.1, "--detail", "fast")
     assert ran.exit_code == 0, ran.output
     assert "desktop.mlp was saved." in ran.stdout
@@ -210,7 +210,7 @@ def test_a_project_waits_for_its_meshes(looks):
     assert worked == ["p.mlp", "p.mlp"]
 
 
-def test_what_is_saved_while_it_is_worked_on_is_work_again(tmp_path):
+def test_file_saved_during_work_is_processed_again(tmp_path):
     (tmp_path / "merge.mlx").write_text(MERGE)
     mesh = tmp_path / "a.ply"
     mesh.write_text(PLAIN)
@@ -226,7 +226,7 @@ def test_what_is_saved_while_it_is_worked_on_is_work_again(tmp_path):
     assert worked == ["a.ply", "a.ply"]
 
 
-def test_a_file_that_has_stayed_as_it_was_is_not_tried_again(tmp_path, monkeypatch):
+def test_unchanged_sound_file_is_not_tried_again(tmp_path, monkeypatch):
     """The trial before reading is skipped; that of a broken file is repeated, since it may succeed later."""
     tried = []
     run = subprocess.run
@@ -254,7 +254,7 @@ def test_results_sources_and_other_files_are_passed_over(looks):
     assert Watch(folder).inputs() == []
 
 
-def test_what_fails_is_told_and_the_others_go_on(tmp_path):
+def test_failed_file_is_reported_and_others_continue(tmp_path):
     (tmp_path / "merge.mlx").write_text(MERGE)
     (tmp_path / "a.ply").write_text(PLAIN[:100])
     (tmp_path / "b.ply").write_text(PLAIN)
@@ -274,9 +274,9 @@ def test_a_project_of_one_mesh_has_nothing_to_transfer_to(folder):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are others there")
-def test_ctrl_c_ends_it_with_a_line(tmp_path):
+def test_ctrl_c_ends_watch_with_one_line(tmp_path):
     command = [sys.executable, "-u", "-m", "meshlab_filter", "watch", str(tmp_path)]
-    heard = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)  # what runs in the background may be deaf to it
+    heard = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)  # background processes may ignore it
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
     with subprocess.Popen(command, **pipes, text=True, preexec_fn=heard) as process:
         try:

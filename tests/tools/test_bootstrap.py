@@ -36,7 +36,7 @@ def write_python(root: Path, script: str) -> None:
     python.chmod(0o755)
 
 
-def test_the_output_of_pip_goes_to_the_log_and_large_downloads_are_shown(
+def test_pip_output_goes_to_log_and_large_downloads_are_shown(
     environment: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     lines = ["Collecting bpy==5.0.1", DOWNLOAD, "Installing collected packages: numpy, bpy, zoomout-core"]
@@ -139,7 +139,7 @@ def test_a_second_setup_waits_for_the_first(
         ("release", "all", None),
     ],
 )
-def test_an_environment_keeps_what_it_has_and_the_documentation_needs_no_blender(
+def test_setup_adds_extras_and_keeps_installed_ones(
     environment: Path, monkeypatch: pytest.MonkeyPatch, present: str | None, wanted: str, installed: str | None
 ) -> None:
     (environment / "pyproject.toml").touch()

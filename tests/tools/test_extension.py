@@ -14,7 +14,7 @@ PROJECT = tomllib.loads((extension.ROOT / "pyproject.toml").read_text())["projec
 
 
 @pytest.mark.parametrize("python", extension.PYTHONS)
-def test_wheels_of_all_that_the_core_requires_but_numpy_are_pinned_in_versions_that_fit(python):
+def test_pinned_wheels_satisfy_core_dependencies_except_numpy(python):
     required = {one.name: one.specifier for one in map(Requirement, PROJECT["dependencies"])}
     pinned = dict(pin.split("==") for pin in extension.requirements(extension.LOCKS / f"{python}.txt"))
     assert set(pinned) == set(required) - {"numpy"}
@@ -29,8 +29,8 @@ def test_every_pin_has_a_hash():
         assert all(re.match(r"[\w.-]+==[\w.]+ \\\n    --hash=sha256:", text) for text in pins)
 
 
-def test_a_wheel_for_every_python_is_pinned_once():
-    """Blender installs all compatible wheels: of two versions of one it would use either."""
+def test_pure_python_wheel_has_one_pinned_version():
+    """Blender installs all compatible wheels, so with two versions of one it could use either."""
     any_python = [
         next(
             pin for pin in extension.requirements(extension.LOCKS / f"{python}.txt") if pin.startswith("threadpoolctl")
@@ -47,13 +47,13 @@ def test_platform_and_wheels_go_before_the_first_table_of_the_manifest():
     assert fields == tomllib.loads(manifest) | added
 
 
-def test_the_demo_stays_at_home_and_the_licence_goes_along():
+def test_zip_contains_license_but_not_demo():
     files = set(extension.shipped_files())
     assert {"__init__.py", "operators/match.py", "LICENSE"} <= files
     assert not any(name.startswith("demo/") for name in files)
 
 
-def test_the_documentation_goes_along_as_pages_whose_links_and_pictures_are_there(tmp_path):
+def test_zip_documentation_has_no_broken_links_or_pictures(tmp_path):
     pages = extension.built_pages(tmp_path)
     assert {"docs/blender.html", "docs/transfer.html"} <= pages.keys()
     for name, page in pages.items():
@@ -64,13 +64,13 @@ def test_the_documentation_goes_along_as_pages_whose_links_and_pictures_are_ther
                 assert not section or f'id="{section}"'.encode() in pages[there], section
 
 
-def test_what_is_new_begins_with_this_version():
+def test_whats_new_starts_with_current_version():
     assert (
         re.findall(r"^## (.+)$", (extension.DOCS / "whats_new.md").read_text(), re.MULTILINE)[0] == PROJECT["version"]
     )
 
 
-def test_the_text_for_the_site_names_pictures_that_are_there_or_made():
+def test_extension_page_uses_only_existing_or_generated_pictures():
     named = re.findall(
         r"\b(docs/images|images|dist/page)/(\w+\.\w+)", (extension.DOCS / "extension_page.md").read_text()
     )
@@ -93,7 +93,7 @@ def test_versions_that_differ_are_refused():
     extension.check_version(PROJECT["version"])
 
 
-def test_an_archive_depends_on_names_and_content_alone(tmp_path):
+def test_archive_depends_only_on_names_and_content(tmp_path):
     content = {"b.py": b"b", "a.py": b"a", "wheels/c.whl": b"c"}
     extension.write_archive(tmp_path / "one.zip", content)
     extension.write_archive(tmp_path / "two.zip", dict(sorted(content.items())))
@@ -125,7 +125,7 @@ def test_the_zip_for_this_machine_is_built_by_default(monkeypatch, system, proce
         assert built == [name]
 
 
-def test_every_zip_is_built_on_request(monkeypatch):
+def test_all_option_builds_every_zip(monkeypatch):
     monkeypatch.setattr(sys, "argv", ["extension.py", "--all"])
     built = []
     monkeypatch.setattr(extension, "build", lambda platforms: built.extend(platforms) or [])
@@ -134,7 +134,7 @@ def test_every_zip_is_built_on_request(monkeypatch):
 
 
 @pytest.mark.slow
-def test_the_core_is_built_alone_and_alike(tmp_path):
+def test_core_wheel_is_reproducible_and_contains_only_the_core(tmp_path):
     one, two = (extension.build_core_wheel(tmp_path / name) for name in ("one", "two"))
     assert one.name == two.name == f"zoomout_core-{PROJECT['version']}-py3-none-any.whl"
     assert one.read_bytes() == two.read_bytes()

@@ -15,7 +15,7 @@ def files(tmp_path):
     return paths
 
 
-def test_each_shot_is_seen_for_its_time_and_wiped_over_by_the_next(files):
+def test_shots_keep_their_durations_and_wipe_into_the_next(files):
     edit(
         [
             Shot(files[:1], 2, "One"),
@@ -38,12 +38,12 @@ def test_each_shot_is_seen_for_its_time_and_wiped_over_by_the_next(files):
     assert strips["Shot 0"].frame_final_end == strips["Wipe 1"].frame_final_end
 
 
-def test_a_mirrored_pose_turns_the_other_side_the_other_way():
+def test_mirrored_pose_swaps_sides_and_rotation_signs():
     assert mirror({"thigh.L": (-38, 1, 2), "spine": (4, 0, 8)}) == {"thigh.R": (-38, -1, -2), "spine": (4, 0, -8)}
     assert mirror(mirror(STEP)) == STEP
 
 
-def test_the_way_between_poses_begins_and_ends_at_them():
+def test_interpolated_pose_starts_and_ends_at_given_poses():
     assert between({}, STEP, 0)["thigh.L"] == (0, 0, 0)
     assert between({}, STEP, 0.5)["thigh.L"] == (-19, 0, 0)
     assert between({}, STEP, 1)["thigh.L"] == STEP["thigh.L"]

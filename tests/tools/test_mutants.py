@@ -21,7 +21,7 @@ def grown(x: int | None = None) -> float | None:
 '''
 
 
-def test_a_weight_is_set_to_zero_and_conditions_are_turned_round() -> None:
+def test_mutants_zero_weights_and_invert_conditions() -> None:
     changes = [mutant.change for mutant in chosen_mutants("a.py", CODE, None, 0, None)]
     for after in (
         "WEIGHT = 0",
@@ -31,7 +31,7 @@ def test_a_weight_is_set_to_zero_and_conditions_are_turned_round() -> None:
         assert any(change.endswith(f"+ {after}") for change in changes)
 
 
-def test_texts_and_types_are_left_alone() -> None:
+def test_strings_and_annotations_are_not_mutated() -> None:
     assert {line for _, _, line in mutations(CODE)} == {2, 7}
 
 
@@ -41,20 +41,20 @@ def test_ranges_of_tuned_numbers_are_left_alone() -> None:
     assert all(change.endswith('"1", 2, 7)') for change in changes)
 
 
-def test_what_reshape_infers_is_left_alone() -> None:
+def test_inferred_reshape_size_is_not_mutated() -> None:
     changes = [mutant.change for mutant in chosen_mutants("a.py", "x.reshape(-1, 9)\n", None, 0, None)]
     assert changes
     assert all("+ x.reshape(-1, " in change for change in changes)
 
 
-def test_a_draw_is_the_same_for_the_same_seed_and_keeps_to_its_size() -> None:
+def test_sample_is_reproducible_by_seed_and_has_requested_size() -> None:
     first, again, other = (chosen_mutants("a.py", CODE * 5, 6, seed, None) for seed in (1, 1, 2))
     assert len(first) == 6
     assert first == again
     assert first != other
 
 
-def test_the_nearest_tests_are_those_that_import_a_module_or_else_those_of_its_folder(tmp_path: Path) -> None:
+def test_nearest_tests_import_the_module_or_share_its_folder(tmp_path: Path) -> None:
     for name, text in (
         ("core/maps/test_one.py", "from zoomout_core.maps.field import near"),
         ("core/maps/test_two.py", "from zoomout_core.maps import other, field"),

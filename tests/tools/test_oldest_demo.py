@@ -8,12 +8,12 @@ import extension
 import oldest_demo
 
 
-def test_it_runs_in_the_oldest_blender_that_the_manifest_names():
+def test_demo_uses_oldest_blender_of_the_manifest():
     manifest = tomllib.loads((extension.ADDON / extension.MANIFEST).read_text())
     assert oldest_demo.OLDEST.split(".")[:2] == manifest["blender_version_min"].split(".")[:2]
 
 
-def test_it_runs_on_the_wheels_of_the_zip_and_on_nothing_from_before(tmp_path, monkeypatch):
+def test_demo_installs_only_wheels_of_the_zip(tmp_path, monkeypatch):
     wheel = tmp_path / "one.whl"
     with zipfile.ZipFile(wheel, "w") as written:
         written.writestr("one/__init__.py", "")

@@ -8,6 +8,6 @@ import extension
 SCRIPT = extension.ROOT / "tools" / "panel_pictures.py"
 
 
-def test_each_picture_of_the_panels_is_one_that_the_script_takes():
+def test_every_panel_picture_is_taken_by_the_script():
     taken = re.findall(r'\bpicture\("(\w+)"', SCRIPT.read_text())
     assert sorted(taken) == sorted(path.stem for path in (extension.DOCS / "images").glob("panel_*.png"))

@@ -24,14 +24,14 @@ def test_links_of_the_readme_become_absolute_and_others_stay() -> None:
     assert all(map(release.is_absolute, targets))
 
 
-def test_the_metadata_have_the_address_and_keep_the_rest() -> None:
+def test_metadata_gets_the_address_and_keeps_other_fields() -> None:
     before = (release.ROOT / "pyproject.toml").read_text(encoding="utf-8")
     project = tomllib.loads(release.with_addresses(before, URL))["project"]
     assert project.pop("urls")["Homepage"] == URL
     assert project == tomllib.loads(before)["project"]
 
 
-def test_the_source_distribution_names_folders_that_are_there() -> None:
+def test_source_distribution_includes_existing_folders() -> None:
     lines = (release.ROOT / "MANIFEST.in").read_text(encoding="utf-8").splitlines()
     grafted = {line.split()[1] for line in lines if line.startswith("graft ")}
     assert grafted == {"benchmarks", "blender_addon", "docs", "tests", "tools"}
