@@ -124,7 +124,7 @@ def test_a_missing_image_is_a_note(folder: Path) -> None:
         assert again.materials[0].name == "Red"
 
 
-def test_what_is_no_image_is_not_copied(folder: Path) -> None:
+def test_only_images_are_copied(folder: Path) -> None:
     (folder / "private.txt").write_text("password")
     for path in (with_image(folder, "private.txt"), with_library(folder, "a.mtl", "private.txt")):
         asset = zo.read_asset(path)

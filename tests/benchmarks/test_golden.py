@@ -21,7 +21,7 @@ def run(folder: Path, *arguments: str) -> Result:
 
 
 @pytest.mark.slow
-def test_what_differs_from_an_earlier_run_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_differences_from_an_earlier_run_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     absent = golden_cases.Case("part absent", lambda _: {}, ("absent.off",))
     cases = (*(case for case in golden.CASES if case.name in NAMES), absent)
     monkeypatch.setattr(golden, "CASES", cases)

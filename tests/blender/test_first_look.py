@@ -132,7 +132,7 @@ def test_other_previews_and_unseen_targets_are_unchanged(source, target, begin, 
     assert preview.current() is before
 
 
-def test_what_a_mirror_modifier_adds_has_no_colours(source, target, begin):
+def test_mirrored_half_has_no_colours(source, target, begin):
     count = len(target.data.vertices)
     begin(np.concatenate([np.arange(count), np.arange(count)]))
     assert len(shown()["Target"]) == count

@@ -41,7 +41,7 @@ def test_panels_have_a_manual_button(name):
     assert layout.operators[0] == "wm.url_open"
 
 
-def test_the_preferences_open_the_guide_and_what_is_new():
+def test_preferences_open_the_guide_and_the_release_notes():
     layout = Layout([])
     drawn = {"layout": layout, "bl_rna": preferences.ZOOMOUT_AP_preferences.bl_rna}
     preferences.ZOOMOUT_AP_preferences.draw(type("Drawn", (), drawn)(), Context())

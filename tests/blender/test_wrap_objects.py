@@ -290,7 +290,7 @@ def refused(source, target, match, **wrapping):
     assert snapshot_file() == before
 
 
-def test_what_cannot_be_wrapped_is_refused_in_one_sentence(source, target):
+def test_invalid_objects_are_refused_in_one_sentence(source, target):
     refused(source, target, "no vertex group 'Nothing'", mask="Nothing")
     target.vertex_groups.new(name="Empty")
     refused(source, target, "'Empty' of 'Target' is empty", mask="Empty")
