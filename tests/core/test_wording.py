@@ -53,7 +53,6 @@ CODE_HABITS = tuple(
 )
 HASH = re.compile("#.*")
 TEST_NAME = re.compile(r"^ *(?:async )?def test_(\w+)", re.MULTILINE)
-# Files whose names of tests are checked.
 
 
 def _docstrings(tree: ast.Module) -> set[ast.AST]:
