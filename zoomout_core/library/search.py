@@ -11,6 +11,7 @@ import numpy as np
 
 from zoomout_core.library.bodies import Body, bodies_of, match_options
 from zoomout_core.library.descriptor import Difference, compare
+from zoomout_core.library.parts import FoundPart, find_part
 from zoomout_core.matching.pipeline import match
 from zoomout_core.matching.ranking.scores import SCORES
 from zoomout_core.matching.result import MatchResult
@@ -112,6 +113,7 @@ class FoundSources(Summary):
         ranked: the assets that were matched, those that fit first, by increasing misfit.
         nearest: the file of the nearest asset, by its descriptor if none was matched; None if there are no assets.
         refusal: why nothing fits; empty if the first asset does.
+        part: the part of the target that another asset fits much better than the first; None if no part does.
 
     Example:
         >>> hero = zo.FoundSource("hero.glb", difference=0.4, certainty=0.97, misfit=0.06)
@@ -122,6 +124,7 @@ class FoundSources(Summary):
     ranked: tuple[FoundSource, ...]
     nearest: Path | None
     refusal: str
+    part: FoundPart | None = None
 
     @property
     def best(self) -> FoundSource | None:
@@ -135,8 +138,13 @@ class FoundSources(Summary):
         return {"best": self.refusal or self.ranked[0].path.name} | rows
 
 
-def search(target: Surface, assets: Sequence[LibraryAsset]) -> FoundSources:
+def search(target: Surface, assets: Sequence[LibraryAsset], compare: int | None = None) -> FoundSources:
     """Find the assets that fit a target.
+
+    Args:
+        target: the target.
+        assets: where to search.
+        compare: match this many of the nearest assets; by default few, and fewer if the nearest is much nearer.
 
     Raises:
         MeshError: the target cannot be analysed.
@@ -148,15 +156,18 @@ def search(target: Surface, assets: Sequence[LibraryAsset]) -> FoundSources:
     compared = [_compare(asset, bodies) for asset in assets]
     order = np.argsort([each.difference.total for each in compared], kind="stable")
     nearest = compared[order[0]]
-    limit = min(SEARCH.beyond * nearest.difference.total, SEARCH.max_difference)
-    chosen = [compared[i] for i in order[: SEARCH.matched] if compared[i].difference.total <= limit]
+    limit = SEARCH.max_difference
+    if compare is None:
+        limit = min(SEARCH.beyond * nearest.difference.total, limit)
+    chosen = [compared[i] for i in order[: compare or SEARCH.matched] if compared[i].difference.total <= limit]
     found = []
     for number, each in enumerate(chosen):
         with stage("Matching", 0.2 + 0.8 * number / len(chosen), 0.2 + 0.8 * (number + 1) / len(chosen)):
             result = match(each.source.surface, each.target.surface, match_options())
         found.append(FoundSource(each.path, each.difference.total, result.certainty, misfit_of(result), result))
     ranked = tuple(sorted(found, key=lambda each: (not each.fits, each.misfit)))
-    return FoundSources(ranked, ranked[0].path if ranked else nearest.path, _refusal(ranked, nearest))
+    nearest_path = ranked[0].path if ranked else nearest.path
+    return FoundSources(ranked, nearest_path, _refusal(ranked, nearest), find_part(ranked))
 
 
 @dataclass(frozen=True, eq=False)
