@@ -38,6 +38,11 @@ DEFORMED = "the best map onto it deforms the target too much (fit {fit:.0%})"
 UNCERTAIN = "the best map onto it is only {certainty} certain"
 
 
+# What a difference of one adds to the misfit in the order of the assets found: it decides between those that share a
+# body and differ in what they wear, so that the maps are the same.
+TIE = 0.001
+
+
 @dataclass(frozen=True)
 class SearchTuning(Tuning, set_by="library"):
     """How many assets are matched, and which ones fit."""
@@ -154,18 +159,19 @@ def search(target: Surface, assets: Sequence[LibraryAsset], compare: int | None 
     with portion(0.0, 0.2):
         bodies = bodies_of(target)
     compared = [_compare(asset, bodies) for asset in assets]
-    order = np.argsort([each.difference.total for each in compared], kind="stable")
-    nearest = compared[order[0]]
+    closest = _closest(compared, compare or SEARCH.matched)
+    nearest = closest[0]
     limit = SEARCH.max_difference
     if compare is None:
         limit = min(SEARCH.beyond * nearest.difference.total, limit)
-    chosen = [compared[i] for i in order[: compare or SEARCH.matched] if compared[i].difference.total <= limit]
+    chosen = [each for each in closest if each.difference.total <= limit]
     found = []
     for number, each in enumerate(chosen):
         with stage("Matching", 0.2 + 0.8 * number / len(chosen), 0.2 + 0.8 * (number + 1) / len(chosen)):
             result = match(each.source.surface, each.target.surface, match_options())
-        found.append(FoundSource(each.path, each.difference.total, result.certainty, misfit_of(result), result))
-    ranked = tuple(sorted(found, key=lambda each: (not each.fits, each.misfit)))
+        source = FoundSource(each.path, each.difference.total, result.certainty, misfit_of(result), result)
+        found.append(((not source.fits, source.misfit + TIE * each.overall), source))
+    ranked = tuple(source for _, source in sorted(found, key=lambda pair: pair[0]))
     nearest_path = ranked[0].path if ranked else nearest.path
     return FoundSources(ranked, nearest_path, _refusal(ranked, nearest), find_part(ranked))
 
@@ -178,15 +184,26 @@ class _Compared:
     source: Body
     target: Body
     difference: Difference
+    overall: float  # the mean difference of all kinds of bodies that both have
 
 
 def _compare(asset: LibraryAsset, targets: Mapping[str, Body]) -> _Compared:
-    pairs = [
-        _Compared(asset.path, source, targets[kind], compare(source.descriptor, targets[kind].descriptor))
-        for kind, source in asset.bodies.items()
-        if kind in targets
-    ]
-    return min(pairs, key=lambda pair: pair.difference.total)
+    kinds = [kind for kind in asset.bodies if kind in targets]
+    differences = [compare(asset.bodies[kind].descriptor, targets[kind].descriptor) for kind in kinds]
+    totals = [each.total for each in differences]
+    least = int(np.argmin(totals))
+    kind = kinds[least]
+    return _Compared(asset.path, asset.bodies[kind], targets[kind], differences[least], float(np.mean(totals)))
+
+
+def _closest(compared: Sequence[_Compared], count: int) -> list[_Compared]:
+    """The assets to match, the nearest first by their most similar bodies, and the last by all of its bodies.
+
+    Bodies of one base mesh differ in few of them, in their pose: the asset of the target's own build may be fifth.
+    """
+    first = sorted(compared, key=lambda each: each.difference.total)
+    closest, rest = first[: max(count - 1, 1)], first[max(count - 1, 1) :]
+    return closest + sorted(rest, key=lambda each: each.overall)[: count - len(closest)]
 
 
 def misfit_of(result: MatchResult) -> float:
