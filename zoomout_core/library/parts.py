@@ -43,8 +43,8 @@ class PartTuning(Tuning, set_by="library"):
 
 PARTS = PartTuning()
 BETTER = (
-    "{file} fits the joint {joint} and what is below it better than {best} does ({fit:.1%} instead of "
-    "{fit_of_best:.1%}). To use both, transfer from the latter first, and then from the former to this joint only."
+    "{file} fits the joint {joint} and all below it better than {best} does ({fit:.1%} instead of {fit_of_best:.1%}). "
+    "To use both, transfer from the latter first, and then from the other one to this joint only."
 )
 
 # Rounds of closest points, which converge within about as many.
@@ -69,7 +69,7 @@ class FoundPart:
     Example:
         >>> part = zo.FoundPart("princess.glb", "hero.glb", "Head", ("Head", "Jaw"), fit=0.992, fit_of_best=0.957)
         >>> str(part.sentence)[:63]
-        'princess.glb fits the joint Head and what is below it better th'
+        'princess.glb fits the joint Head and all below it better than h'
     """
 
     path: Path

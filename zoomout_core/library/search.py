@@ -38,8 +38,8 @@ DEFORMED = "the best map onto it deforms the target too much (fit {fit:.0%})"
 UNCERTAIN = "the best map onto it is only {certainty} certain"
 
 
-# What a difference of one adds to the misfit in the order of the assets found: it decides between those that share a
-# body and differ in what they wear, so that the maps are the same.
+# Misfit for a difference of one, in the order of the assets found: assets that share a body have equal maps, and are
+# told apart by their clothes.
 TIE = 0.001
 
 

@@ -53,7 +53,7 @@ def test_a_source_that_fits_a_part_much_better_is_proposed_for_it(tmp_path: Path
         assert part is not None
         assert (part.path, part.best, part.joint, part.joints) == (head, body, "Upper", ("Upper",))
         assert part.fit_of_best < 0.96 < 0.98 < part.fit
-        assert str(part.sentence).startswith(f"{head} fits the joint Upper and what is below it better than {body}")
+        assert str(part.sentence).startswith(f"{head} fits the joint Upper and all below it better than {body}")
         # None is proposed that is hardly better, that does not fit as a whole, or where the best one fits well.
         assert find_part([best, found(head, swollen(tube, 0.2), target, 0.06)]) is None
         assert find_part([best, found(head, swollen(tube, 0.55), target, 0.5)]) is None
