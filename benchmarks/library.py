@@ -19,11 +19,16 @@ from benchmarks.datasets import evenly
 from benchmarks.generate.things import THINGS, thing
 from benchmarks.outfits.clothes import Wardrobe
 from benchmarks.tables import NOT_SHOWN, Record, Tables, over
+from zoomout_core.assets.files import read_asset
 from zoomout_core.library.library import Library
 from zoomout_core.library.search import LibraryAsset, search
 from zoomout_core.matching.report.verdict import VERDICT
 from zoomout_core.mesh.formats.files import write_shape
 from zoomout_core.mesh.surface import Surface
+from zoomout_core.outfits.parts import keep_faces, mask_of
+from zoomout_core.transfer.rigging.poses import POSES, extreme_poses
+from zoomout_core.transfer.rigging.skinning import blend_matrices, transform_points
+from zoomout_core.tuning import retune
 
 # The families of characters, by pack or by file; others are families of their own.
 PEOPLE, ANIMALS, DINOSAURS, ROBOTS, THING = "people", "animals", "dinosaurs", "robots", "things"
@@ -42,18 +47,24 @@ FAMILIES = {
 # Packs whose queries set the numbers of the search; all others judge them.
 TUNING_PACKS = ("animals_pack", "easy_enemies_pack", "modular_men")
 # Kinds of queries: an asset in another pose with fewer faces; the same as one skin of voxels; a body whose own asset is
-# left out; a thing, and a character among others than its family, both of which are to be refused.
-POSED, SKIN, BUILD, STRANGER = "posed", "one skin", "other build", "stranger"
+# left out; a thing, and a character among others than its family, both of which are to be refused; a character with
+# the head of another one of its pack.
+POSED, SKIN, BUILD, STRANGER, TWO = "posed", "one skin", "other build", "stranger", "two sources"
+# Packs of characters that can exchange heads, which are meshes of their own, and by how many files these move on.
+MODULAR, HEADS, STEP = ("modular_men", "modular_women"), ("*_Head",), 3
+# Degrees by which the joints of these characters turn.
+BEND = 15.0
 
 
 @dataclass(frozen=True, eq=False)
 class Query:
-    """A target, with the name of its own asset, and which assets it is searched among."""
+    """A target, with the name of its own asset and that of its head, and which assets it is searched among."""
 
     kind: str
     name: str
     surface: Surface
     among: Sequence[LibraryAsset]
+    head: str = ""
 
 
 def run(data: Path, pairs: int | None, judging: bool) -> Tables:
@@ -61,7 +72,8 @@ def run(data: Path, pairs: int | None, judging: bool) -> Tables:
 
     `summary`: for each kind of queries, those that set the numbers and those that judge them: the shares whose first
     asset is of the right family, and is the right asset; the share that is refused; how many are wrong with a certainty
-    of at least 90 %; seconds per query, of the clock and of the processor.
+    of at least 90 %; seconds per query, of the clock and of the processor. `own part` is the share for which the
+    second of two sources is proposed, that of the head or of the body, and `other parts` the number of other proposals.
 
     `pairs`: a row for each query.
 
@@ -116,6 +128,13 @@ def _queries(data: Path, assets: list[LibraryAsset], count: int | None, judging:
             yield Query(SKIN, name_of(path), surface_of(shuffle(one_skin(character.posed))), assets)
             strangers = [asset for asset in assets if family_of(name_of(asset.path)) != family_of(name_of(path))]
             yield Query(STRANGER, name_of(path), surface_of(character.posed), strangers)
+    for pack in MODULAR:
+        if judging and pack in TUNING_PACKS:
+            continue
+        pool = sorted((data / "characters" / "game" / pack).glob("*.glb"))
+        for number, path in enumerate(evenly(pool, count)):
+            head = pool[(pool.index(path) + STEP) % len(pool)]
+            yield Query(TWO, name_of(path), _with_head(path, head, number), assets, name_of(head))
     wardrobe = Wardrobe(data / "clothes")
     for number, build in enumerate(evenly(list(wardrobe.is_strict), count)):
         topology = wardrobe.topologies[number % len(wardrobe.topologies)]
@@ -126,6 +145,25 @@ def _queries(data: Path, assets: list[LibraryAsset], count: int | None, judging:
         yield Query(BUILD, name, surface, [asset for asset in assets if name_of(asset.path) != name])
     for name in evenly(list(THINGS), count):
         yield Query(STRANGER, f"{THING}/{name}", thing(name), assets)
+
+
+def _with_head(body: Path, head: Path, number: int) -> Surface:
+    """A character with the head of another one with the same joints, in one of the poses of extreme joints."""
+    parts = []
+    for path, is_head in ((body, False), (head, True)):
+        asset = read_asset(path)
+        first = asset.surface.corner_vertex[asset.surface.face_start[:-1]]
+        parts.append(keep_faces(asset, (mask_of(asset, HEADS)[first] > 0) == is_head))
+    skins = [part.skin for part in parts if part.skin is not None]
+    with retune(POSES, angle=BEND):
+        poses = extreme_poses(np.linalg.inv(skins[0].inverse_bind)[:, :3, 3], skins[0].parents)
+    posed = [
+        part.surface.with_vertices(
+            transform_points(blend_matrices(poses[number % len(poses)], skin.weights), skin.rest)
+        )
+        for part, skin in zip(parts, skins, strict=True)
+    ]
+    return Surface.joined(posed)
 
 
 def _search(query: Query) -> Record:
@@ -139,6 +177,9 @@ def _search(query: Query) -> Record:
     sure = found.best is not None and found.best.certainty >= VERDICT.certain
     own = any(name_of(asset.path) == query.name for asset in query.among)
     row: Record = {"kind": query.kind, "query": query.name, "first": name, "refused": bool(found.refusal)}
+    part = "" if found.part is None else name_of(found.part.path)
+    sources = {query.name, query.head} - {name}
+    row |= {"own part": part in sources if query.head else None, "other parts": bool(part) and part not in sources}
     row |= {"set": "tuning" if query.name.partition("/")[0] in TUNING_PACKS else "judging"}
     row |= {"family": right, "asset": name == query.name if own else None, "certain and wrong": sure and not right}
     row |= {"misfit": None if first is None else first.misfit, "certainty": None if first is None else first.certainty}
@@ -147,14 +188,14 @@ def _search(query: Query) -> Record:
 
 def _summary(rows: list[Record]) -> list[Record]:
     found = []
-    for kind in (POSED, SKIN, BUILD, STRANGER):
+    for kind in (POSED, SKIN, BUILD, STRANGER, TWO):
         for role in ("tuning", "judging"):
             chosen = [row for row in rows if (row["kind"], row["set"]) == (kind, role)]
             if not chosen:
                 continue
-            shares = {name: over(np.mean, chosen, name) for name in ("family", "asset", "refused")}
+            shares = {name: over(np.mean, chosen, name) for name in ("family", "asset", "refused", "own part")}
             row: Record = {"queries": f"{kind}, {role}", "count": len(chosen)}
             row |= shares if kind != STRANGER else {"refused": shares["refused"]}
-            row |= {"certain and wrong": sum(row["certain and wrong"] for row in chosen)}
+            row |= {name: sum(row[name] for row in chosen) for name in ("certain and wrong", "other parts")}
             found.append(row | {name: float(np.mean([row[name] for row in chosen])) for name in ("seconds", "CPU")})
     return found

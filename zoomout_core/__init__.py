@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from zoomout_core.evaluation import geodesic_error
     from zoomout_core.geometry.shot import shot
     from zoomout_core.library.library import Library, Preparation, find_source
+    from zoomout_core.library.parts import FoundPart
     from zoomout_core.library.search import FoundSource, FoundSources
     from zoomout_core.maps.consistent_zoomout import ConsistentMaps, consistent_zoomout
     from zoomout_core.maps.descriptor_fit import fit_functional_map
@@ -92,6 +93,7 @@ __all__ = [
     "ConsistentMaps",
     "Domain",
     "Dressed",
+    "FoundPart",
     "FoundSource",
     "FoundSources",
     "Kind",
@@ -174,6 +176,7 @@ _HOMES = {
     "evaluation": ("geodesic_error",),
     "geometry.shot": ("shot",),
     "library.library": ("Library", "Preparation", "find_source"),
+    "library.parts": ("FoundPart",),
     "library.search": ("FoundSource", "FoundSources"),
     "maps.consistent_zoomout": ("ConsistentMaps", "consistent_zoomout"),
     "maps.descriptor_fit": ("fit_functional_map",),

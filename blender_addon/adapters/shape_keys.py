@@ -51,12 +51,11 @@ class ShapeKeyAdapter:
         return [key.name for key in self.keys]
 
     def transfer(self, job: TransferJob) -> None:
-        job.note_replaced(message("shape keys"))
         source = job.pair.source.with_vertices(self.source_rest)
         target = job.pair.target.with_vertices(self.target_rest)
         self.drivers.pair_bones(job.match, source, target)
         carried = job.transfer(self.offsets, message("shape keys"), source, target)
-        self.offsets = job.keep_values(carried, self.present)
+        self.offsets = job.blend_values(carried, self.present)
 
     def transfer_to_rest(self, job: TransferJob, rest: Rest) -> None:
         """Transfer to a target that is moved to rest, in place of its present pose.

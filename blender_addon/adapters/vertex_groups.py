@@ -101,6 +101,18 @@ def collect(request: TransferRequest, remarks: Remarks) -> list[Adapter]:
             )
         )
     deforming = _deforming_groups(weights, lacking, request, remarks)
+    own_bones = mesh_data.deforming_bones(target)
+    foreign = sorted(deforming.intersection(labels) - own_bones) if settings.mask_group and own_bones else []
+    if foreign:
+        remarks.notes.append(
+            warning(
+                "The armature of '{target}' has no bones of {count} vertex groups, such as '{group}', which will not "
+                "move in the mask: rename them with Rename Groups, or transfer without Vertex Groups.",
+                target=target.name,
+                count=len(foreign),
+                group=foreign[0],
+            )
+        )
     columns = [i for i, name in enumerate(weights.labels) if name in deforming]
     sharing = {
         "normalised": np.array([name in deforming for name in labels]),

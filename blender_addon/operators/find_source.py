@@ -8,7 +8,7 @@ from bpy.props import StringProperty
 from bpy.types import Context, Operator
 
 import zoomout_core as zo
-from zoomout_core.messages import message, probability
+from zoomout_core.messages import Message, message, probability
 
 from ..properties.once import ONCE
 from ..services.library import append_source, find_source_async, library_folders
@@ -57,15 +57,33 @@ class ZOOMOUT_OT_find_source(ModalOperator):
                     certainty=probability(each.certainty),
                 )
             )
+        part = found.part
+        settings.found_part = "" if part is None else str(part.path)
+        settings.found_part_joints = "" if part is None else "\n".join(part.joints)
+        settings.found_part_line = "" if part is None else translated(_line_of_part(part))
         for sentence in search.failures.values():
             self.report({"WARNING"}, reported(sentence))
         return found.refusal or message("'{name}' fits best", name=found.ranked[0].path.name)
 
 
+def _line_of_part(part: zo.FoundPart) -> Message:
+    """A part, and how well its source fits it."""
+    return message(
+        "{joint}: {name}, fit {fit:.1%} instead of {fit_of_best:.1%}",
+        joint=part.joint,
+        name=part.path.stem,
+        fit=part.fit,
+        fit_of_best=part.fit_of_best,
+    )
+
+
 class ZOOMOUT_OT_append_source(Operator):
     bl_idname = "zoomout.append_source"
     bl_label = "Append Source"
-    bl_description = "Append the objects of this file, and use its largest mesh as the source"
+    bl_description = (
+        "Append the objects of this file, and use its largest mesh as the source. A file that fits only a part better "
+        "also sets Mask to the vertex groups of that part, so that the next transfer keeps the rest"
+    )
     bl_options = {"REGISTER", "UNDO"}
 
     @classmethod
@@ -76,17 +94,26 @@ class ZOOMOUT_OT_append_source(Operator):
         return not activity.running
 
     path: StringProperty(name="File", description="File to append", subtype="FILE_PATH", options=ONCE)
+    joints: StringProperty(
+        name="Joints",
+        description="Vertex groups of the active mesh to which transfers are limited, one a line; empty for no limit",
+        options=ONCE,
+    )
 
     def execute(self, context: Context) -> set[str]:
         """Append the file."""
         target = context.view_layer.objects.active
         try:
-            source = append_source(context, self.path)
+            source = append_source(context, self.path, self.joints.split("\n") if self.joints else ())
         except zo.MeshError as error:
             self.report({"ERROR"}, reported(str(error)))
             return {"CANCELLED"}
         context.view_layer.objects.active = target
-        self.report({"INFO"}, reported(message("'{name}' is the source now", name=source.name)))
+        done = message("'{name}' is the source now", name=source.name)
+        if self.joints:
+            mask = context.scene.zoomout.mask_group
+            done = message("{done}, and Mask is '{mask}': match again and transfer", done=done, mask=mask)
+        self.report({"INFO"}, reported(done))
         return {"FINISHED"}
 
 

@@ -37,6 +37,9 @@ class FoundSettings:
         name="Found Sources", description="Files that the target was compared with", type=ZOOMOUT_PG_found_source
     )
     found_for: StringProperty(name="Target", description="Name of the object that they were found for")
+    found_part: StringProperty(name="Source of a Part", description="File that fits a part of the target better")
+    found_part_line: StringProperty(name="Part", description="The part, and how well that file fits it")
+    found_part_joints: StringProperty(name="Joints", description="Names of the bones of the part, one a line")
 
 
 # In the order of registration.

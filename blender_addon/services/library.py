@@ -4,12 +4,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
 import bpy
 from bpy.types import Context, Object
+from scipy.sparse import csr_array
 
 import zoomout_core as zo
 from zoomout_core.arrays import Bytes
@@ -17,6 +19,7 @@ from zoomout_core.library.pictures import draw_pair
 from zoomout_core.mesh.formats.blender_files import BLEND
 from zoomout_core.messages import message
 from zoomout_core.runtime.progress import portion
+from zoomout_core.transfer import Attribute
 
 from .. import mesh_data
 from ..jobs import compute, run
@@ -145,13 +148,20 @@ def _join(context: Context, meshes: Sequence[Object]) -> zo.Surface | str:
         return str(error)
 
 
-def append_source(context: Context, path: str | Path) -> Object:
+def append_source(context: Context, path: str | Path, joints: Sequence[str] = ()) -> Object:
     """Append the objects of a file or an asset that was found, and choose the largest mesh as the source.
 
+    Args:
+        context: Blender's.
+        path: the file or the asset.
+        joints: limit transfers to these vertex groups of the active object, by a new group as their mask, so that the
+            rest of its data can come from another source; without any, the mask stays as it is.
+
     Raises:
-        MeshError: the file cannot be read, or has no mesh.
+        MeshError: the file cannot be read, or has no mesh, or the active object has none of the groups.
     """
-    selected = context.selected_objects
+    selected, target = context.selected_objects, context.view_layer.objects.active
+    mask = _sum_of_groups(target, joints) if joints else None
     with mesh_data.all_or_nothing():
         meshes = [obj for obj in append_file(context, path) if obj.type == "MESH" and obj.data.polygons]
         if not meshes:
@@ -161,4 +171,24 @@ def append_source(context: Context, path: str | Path) -> Object:
         obj.select_set(obj in selected)
     source = max(meshes, key=mesh_data.area_in_world)
     context.scene.zoomout.source = source
+    if mask is not None:
+        mesh_data.write_weights(target, mask)
+        context.scene.zoomout.mask_group = mask.labels[0]
     return source
+
+
+def _sum_of_groups(obj: Object | None, names: Sequence[str]) -> Attribute:
+    """The sum of some vertex groups as a group of its own, which is named after the first.
+
+    Raises:
+        MeshError: there is no object, or it has none of them.
+    """
+    weights = None if obj is None or obj.type != "MESH" else mesh_data.read_weights(obj, obj.data)
+    columns = [] if weights is None else [number for number, name in enumerate(weights.labels) if name in names]
+    if obj is None or weights is None or not columns:
+        raise zo.MeshError(
+            "The active object has no vertex group '{name}': transfer the vertex groups of the best source first.",
+            name=names[0],
+        )
+    total = csr_array(weights.values[:, columns].sum(axis=1).clip(0, 1).reshape(-1, 1))
+    return replace(weights, values=total, labels=(f"{names[0]} Mask",))

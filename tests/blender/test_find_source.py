@@ -10,13 +10,14 @@ import bpy
 import numpy as np
 import pytest
 from drawing import Context, Layout
-from scenes import activate, from_pydata, snapshot_file
+from scenes import activate, from_pydata, set_weights, snapshot_file, weight_array
 
 import zoomout_core as zo
 from blender_addon import api
 from blender_addon.cli import main
+from blender_addon.operators import find_source
 from blender_addon.scene.files import save_scene
-from blender_addon.services.library import append_source, last_pictures, library_folders, read_assets
+from blender_addon.services.library import Search, append_source, last_pictures, library_folders, read_assets
 from blender_addon.ui import thumbnails
 from blender_addon.ui.panels import library
 from zoomout_core.library.pictures import draw_pair
@@ -82,6 +83,38 @@ def test_found_source_is_shown_in_matching_colours(target, tmp_path, monkeypatch
         panel = SimpleNamespace(layout=Layout([]))
         library.ZOOMOUT_PT_library.draw(panel, Context())
         assert [kind for kind, *_ in panel.layout.drawn].count("icon") == count
+
+
+def test_another_source_of_a_part_limits_transfers_to_its_vertex_groups(target, folder, monkeypatch):
+    settings, path = bpy.context.scene.zoomout, folder / "hero.ply"
+    best = zo.FoundSource(folder / "body.glb", 0.4, 0.97, 0.06)
+    part = zo.FoundPart(path, best.path, "Head", ("Head", "Jaw"), 0.992, 0.957)
+
+    async def find_at_once(*_):
+        return Search(zo.FoundSources((best,), best.path, "", part), {}, {})
+
+    monkeypatch.setattr(find_source, "find_source_async", find_at_once)
+    settings.library_folder = str(folder)
+    assert bpy.ops.zoomout.find_source() == {"FINISHED"}
+    panel = SimpleNamespace(layout=Layout([]))
+    library.ZOOMOUT_PT_library.draw(panel, Context())
+    assert "Head: hero, fit 99.2% instead of 95.7%" in [text for kind, text, *_ in panel.layout.drawn]
+    found = {"path": settings.found_part, "joints": settings.found_part_joints}
+    objects = set(bpy.data.objects)
+    with pytest.raises(RuntimeError, match="no vertex group 'Head': transfer the vertex groups of the best source"):
+        bpy.ops.zoomout.append_source(**found)
+    assert set(bpy.data.objects) == objects
+    head = np.linspace(0, 0.75, len(target.data.vertices))
+    set_weights(target, "Head", head)
+    set_weights(target, "Jaw", np.full(len(head), 0.25))
+    set_weights(target, "Spine", 0.75 - head)
+    assert bpy.ops.zoomout.append_source(**found) == {"FINISHED"}
+    assert (settings.source.name, settings.mask_group) == ("hero", "Head Mask")
+    np.testing.assert_allclose(weight_array(target, "Head Mask"), head + 0.25, atol=1e-6)
+    # A search without such a part forgets it.
+    part = None
+    assert bpy.ops.zoomout.find_source() == {"FINISHED"}
+    assert settings.found_part == ""
 
 
 @pytest.mark.slow

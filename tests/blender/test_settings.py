@@ -12,6 +12,7 @@ from scenes import (
     add_uv_map,
     ellipsoid,
     from_pydata,
+    key_shape,
     new_material,
     positions,
     set_weights,
@@ -117,6 +118,44 @@ def test_transfer_blends_with_existing_data_by_factor_and_mask(source, target):
     corner = values(target.data, "Map").reshape(-1, 3, 2)
     of_face = mask[np.array([list(face.vertices) for face in target.data.polygons])].mean(axis=1) * 0.8 > 0.5
     np.testing.assert_array_equal((corner != 0).any(axis=(1, 2)), of_face)
+
+
+def test_a_second_source_in_a_mask_keeps_the_materials_and_keys_of_the_first(source, target):
+    count, mask = len(target.data.vertices), ramp(target, axis=2)
+    for obj, material, key in ((source, "Head", "Blink"), (target, "Body", "Lean")):
+        obj.data.materials.append(new_material(material))
+        at = positions(obj.data)
+        for name, height in (("Basis", 0), ("Smile", 0.2 if obj == source else 0.1), (key, 0.3)):
+            points = (at + np.array([0, 0, height])).astype(np.float32)
+            obj.shape_key_add(name=name, from_mix=False).points.foreach_set("co", points.ravel())
+    set_weights(target, "Mask", mask)
+    transfer(source, target, "materials", "shape_keys", mask_group="Mask")
+    of_face = mask[np.array([list(face.vertices) for face in target.data.polygons])].mean(axis=1) > 0.5
+    names = [slot.name for slot in target.data.materials]
+    assert [names[face.material_index] == "Head" for face in target.data.polygons] == of_face.tolist()
+    assert set(names) == {"Head", "Body"}
+    kept, rest = ~doubtful(target), positions(target.data)
+    for name, offset in (("Smile", 0.1 + 0.1 * mask), ("Blink", 0.3 * mask), ("Lean", np.full(count, 0.3))):
+        moved = key_shape(target.data, name) - rest
+        np.testing.assert_allclose(moved[kept, 2], offset[kept], atol=0.03)
+
+
+def test_groups_that_no_bone_of_the_target_moves_are_noted_in_a_mask(source, target):
+    for obj, bones in ((source, ("Arm.L", "Arm.R")), (target, ("Arm.L", "Hand"))):
+        armature = bpy.data.objects.new("Rig", bpy.data.armatures.new("Rig"))
+        bpy.context.collection.objects.link(armature)
+        activate(armature)
+        bpy.ops.object.mode_set(mode="EDIT")
+        for name in bones:
+            armature.data.edit_bones.new(name).tail = (0, 0, 1)
+        bpy.ops.object.mode_set(mode="OBJECT")
+        obj.modifiers.new("Rig", "ARMATURE").object = armature
+    skin(source)
+    set_weights(target, "Mask", ramp(target, axis=2))
+    foreign = "no bones of 1 vertex groups, such as 'Arm.R'"
+    report = transfer(source, target, "vertex_groups", mask_group="Mask")
+    assert any(foreign in note for note in report["notes"])
+    assert not any(foreign in note for note in transfer(source, target, "vertex_groups")["notes"])
 
 
 def test_weights_are_added_only_where_there_are_none(source, target):

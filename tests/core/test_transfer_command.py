@@ -220,3 +220,23 @@ def test_rig_is_moved_into_the_target(files: tuple[Path, Path], tmp_path: Path) 
     assert np.abs(again.skin.inverse_bind - before.skin.inverse_bind).max() > 0.1
     code, said = run(files[0], files[1], "-o", tmp_path / "out.glb", "--move-rig")
     assert (code, "--move-rig has no joints of" in said) == (1, True), said
+
+
+def test_a_part_of_the_target_receives_data_alone(files: tuple[Path, Path], tmp_path: Path) -> None:
+    target = tmp_path / "body.glb"
+    own = zo.read_surface(files[1])
+    green = Attribute("color 0", Domain.POINT, Kind.COLOR, np.tile([0.0, 1, 0], (len(own.vertices), 1)))
+    write_asset(Asset(own, (green,)), target)
+    code, said = run(files[0], target, "-o", tmp_path / "out.glb", "--only", "BODY", "--kinds", "color")
+    assert code == 0, said
+    color = read_asset(tmp_path / "out.glb").find("color 0")
+    assert color is not None
+    assert np.ptp(color.values[:, 0]) > 0.5
+    for arguments, reason in (
+        (["--only", "Head"], "The target has no joint or mesh 'Head': choose from 'body'."),
+        (["--only", "body", "--move-rig"], "--only works without --move-rig and --keep-map"),
+        (["--only", "body", "--kinds", "weights"], "A part of a target keeps its joints and their weights"),
+    ):
+        code, said = run(files[0], target, "-o", tmp_path / "none.glb", *arguments)
+        assert code in (1, 2)
+        assert reason in said

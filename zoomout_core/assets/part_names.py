@@ -1,17 +1,25 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Names of the parts of a file, from its objects and materials."""
+"""Parts of a file, by the names of its objects, materials and joints."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
+from fnmatch import fnmatchcase
 from pathlib import Path
 
 import numpy as np
 
-from zoomout_core.assets.asset import MATERIALS, Asset
+from zoomout_core.arrays import Booleans, Floats
+from zoomout_core.assets.asset import MATERIALS, Asset, Skin
 from zoomout_core.assets.files import READERS, read_asset
+from zoomout_core.mesh.formats.opening import shown
 from zoomout_core.mesh.named_parts import NamedParts, name_parts
 from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.transfer.rigging.poses import parents_first
+
+# The most names that a sentence lists.
+LISTED = 12
 
 
 def parts_of(asset: Asset) -> NamedParts:
@@ -38,3 +46,41 @@ def parts_of_file(path: str | Path, surface: Surface) -> NamedParts:
             if len(parts.number) == len(surface.triangles):
                 return parts
     return name_parts(surface)
+
+
+def matches(names: Iterable[str], patterns: Sequence[str]) -> bool:
+    """Whether one of some names matches one of the patterns, such as `Body*`, in any case."""
+    return any(fnmatchcase(name.lower(), pattern.lower()) for name in names for pattern in patterns)
+
+
+def mask_of_parts(asset: Asset, patterns: Sequence[str]) -> Floats:
+    """(n,) how far vertices belong to parts whose names match patterns.
+
+    Parts are objects, whose vertices have 1, and joints with those below them, whose vertices have the sum of their
+    weights.
+
+    Raises:
+        MeshError: a pattern matches none, or these parts have no vertices.
+    """
+    skin, mask = asset.skin, np.zeros(len(asset.surface.vertices))
+    joints, objects = () if skin is None else skin.names, [name for name, _ in asset.objects]
+    for pattern in patterns:
+        if not matches((*joints, *objects), [pattern]):
+            names = [shown(name) for name in dict.fromkeys((*joints, *objects)) if name][:LISTED]
+            choice = f"choose from {', '.join(names)}" if names else "transfer data with joints to it first"
+            raise MeshError(f"The target has no joint or mesh {shown(pattern)}: {choice}.")
+    if skin is not None:
+        mask += skin.weights @ joints_below(skin, [matches([name], patterns) for name in joints]).astype(float)
+    of_objects = np.array([matches([name], patterns) for name in objects], dtype=bool)
+    mask[np.repeat(of_objects, [count for _, count in asset.objects])] = 1
+    if not mask.any():
+        raise MeshError(f"No vertex of the target belongs to {' or '.join(map(shown, patterns))}: choose other parts.")
+    return np.clip(mask, 0, 1)
+
+
+def joints_below(skin: Skin, chosen: Sequence[bool]) -> Booleans:
+    """(b,) the chosen joints and all below them."""
+    found = np.array(chosen, dtype=bool)
+    for joint in parents_first(skin.parents):
+        found[joint] |= skin.parents[joint] >= 0 and found[skin.parents[joint]]
+    return found

@@ -8,18 +8,21 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
 from zoomout_core.assets.asset import COLOR, MATERIALS, NORMALS, SHAPE_KEYS, UV, WEIGHTS, Asset, Skin, kind_of, to_rest
 from zoomout_core.assets.check_rig import check_rig
 from zoomout_core.assets.gltf.move_skin import move_skin
+from zoomout_core.assets.keep_rest import keep_rest
 from zoomout_core.geometry.closest_points import SurfaceSearch
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.messages import enumeration, message, plural
 from zoomout_core.runtime.progress import advance, stage
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
+from zoomout_core.transfer.blend import Blend, mask_of
 from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.rigging.motion import MotionCheck, note_on_motions
 from zoomout_core.transfer.rigging.rest_pose import REST, align, find_pose
@@ -63,6 +66,7 @@ def transfer_asset(
     fill_below: float | None = None,
     max_weights: int | None = None,
     move_rig: bool = False,
+    mask: ArrayLike | None = None,
 ) -> TransferredAsset:
     """Transfer the data of an asset to another mesh; it replaces the target's data of the same kind.
 
@@ -80,10 +84,12 @@ def transfer_asset(
         max_weights: how many joints a vertex may have; as many as on the source, when not given.
         move_rig: move the joints into the target, which keeps its own size, and compare how it plays the animations;
             otherwise it takes the size of the source, whose joints stay where they are.
+        mask: (n_t,) share of the source's data at each vertex of the target, in [0, 1], so that several sources may
+            share a target: the rest of its data, its joints and its weights are its own. None to receive all.
 
     Raises:
         MeshError: the source has no data of these kinds, it has no skin to move, or the map is of other surfaces.
-        ValueError: the shape is not in `SHAPES`, or a kind not in `KINDS`.
+        ValueError: the shape is not in `SHAPES`, a kind not in `KINDS`, or the mask does not fit the target.
 
     Example:
         >>> color = zo.Attribute("color", zo.Domain.POINT, zo.Kind.COLOR, np.ones((len(source.vertices), 4)))
@@ -98,6 +104,9 @@ def transfer_asset(
     unknown = [kind for kind in kinds if kind not in KINDS]
     if unknown:
         raise ValueError(f"Unknown kind {unknown[0]!r}: choose from {', '.join(KINDS)}.")
+    part = None
+    if mask is not None:
+        part, kinds = Blend(mask=mask_of(mask, target.surface)), without_weights(kinds)
     chosen, skin = select_data(source, kinds)
     if move_rig and skin is None:
         raise MeshError("The source has no joints to move: choose a rigged source, and transfer its skin weights.")
@@ -114,11 +123,15 @@ def transfer_asset(
                 carried = _add_keys(target.find(SHAPE_KEYS), carried)
         received[attribute.name] = carried
         notes += carried.notes
-    notes += _note_on_replaced(target, replaced, skin is not None)
     motions: tuple[MotionCheck, ...] = ()
     asset = replace(target, attributes=tuple(received.values()), notes=(), stored_map=None)
     if MATERIALS in replaced:
         asset = replace(asset, materials=source.materials, look=source.look)
+    if part is None:
+        notes += _note_on_replaced(target, replaced, skin is not None)
+    else:
+        asset, of_rest = keep_rest(target, asset, [each.name for each in chosen], part)
+        notes += of_rest
     if skin is not None:
         with stage("Binding to the joints", 0.7, 1.0):
             own, at_rest, found = _bind(source, skin, mapped, shape, max_weights)
@@ -156,6 +169,18 @@ def select_data(source: Asset, kinds: Collection[str]) -> tuple[list[Attribute],
             f"The source has no {' or '.join(kinds)}: check which file is the source, or choose other data."
         )
     return chosen, skin
+
+
+def without_weights(kinds: Collection[str]) -> list[str]:
+    """The kinds that a part of a target can receive.
+
+    Raises:
+        MeshError: there are none.
+    """
+    chosen = [kind for kind in kinds if kind != WEIGHTS]
+    if not chosen:
+        raise MeshError("A part of a target keeps its joints and their weights: choose other data for it.")
+    return chosen
 
 
 def _add_keys(own: Attribute | None, carried: Attribute) -> Attribute:

@@ -18,6 +18,7 @@ from zoomout_core.collection.shapes import items_of
 from zoomout_core.command_options import progress_bar
 from zoomout_core.library.find_all import MADE, PICTURES, RECORDS, Carry, find_all
 from zoomout_core.library.library import INDEX, Library, find_source
+from zoomout_core.library.parts import FoundPart
 from zoomout_core.library.report import figures_of_targets, lines_of_targets, write_reports
 from zoomout_core.library.search import FoundSource, FoundSources
 from zoomout_core.mesh.formats.folders import meshes_of_all
@@ -51,6 +52,12 @@ REPLACED = REPORT, PAGE, MADE, PICTURES, RECORDS
     type=click.Path(path_type=Path),
     help="The folder for the results; required for several targets.",
 )
+@click.option(
+    "--compare",
+    type=click.IntRange(min=1),
+    help="Match this many of the nearest characters, about two seconds each (default: at most 4); more of them find "
+    "another source for a part, such as the head.",
+)
 @click.option("--transfer", is_flag=True, help="Write each target with all data of its source, as `zoomout transfer`.")
 @click.option("--move-rig", is_flag=True, help="The same, and move the joints of the source into the target.")
 @click.option("--force", is_flag=True, help="Write a target even if its match is probably wrong.")
@@ -63,6 +70,7 @@ def find(
     folders: tuple[str, ...],
     index: str | None,
     output: Path | None,
+    compare: int | None,
     transfer: bool,
     move_rig: bool,
     force: bool,
@@ -88,7 +96,7 @@ def find(
         notes = [message(NOT_PREPARED, count=new)] if new else []
         if output is None:
             with progress_bar():
-                found = find_source(targets[0], libraries)
+                found = find_source(targets[0], libraries, compare)
             figures = {"target": str(targets[0]), **_figures(found), **note_figures(notes)}
             say([*_lines(found), *note_lines(notes)], figures, as_json)
             sys.exit(FAILED if found.refusal else 0)
@@ -100,7 +108,7 @@ def find(
         carry = Carry.RIG if move_rig else Carry.DATA if transfer else Carry.NOTHING
         named = {item.name: item.path for item in items_of(files)}
         with progress_bar():
-            result = find_all(named, libraries, output, carry, force=force, resume=resume)
+            result = find_all(named, libraries, output, carry, compare=compare, force=force, resume=resume)
         write_reports(result)
     except (ValueError, OSError, ImportError) as error:
         raise click.ClickException(str(error)) from None
@@ -113,7 +121,8 @@ def find(
 
 def _lines(found: FoundSources) -> list[str]:
     lines = [found.refusal] if found.refusal else []
-    return lines + [f"{number}. {_line(each)}" for number, each in enumerate(found.ranked, start=1)]
+    lines += [f"{number}. {_line(each)}" for number, each in enumerate(found.ranked, start=1)]
+    return lines + ([] if found.part is None else [found.part.sentence])
 
 
 def _line(found: FoundSource) -> str:
@@ -127,6 +136,17 @@ def _figures(found: FoundSources) -> dict[str, Any]:
         "refusal": found.refusal or None,
         "nearest": None if found.nearest is None else str(found.nearest),
         "assets": _rows(found.ranked),
+        "part": None if found.part is None else _part(found.part),
+    }
+
+
+def _part(part: FoundPart) -> dict[str, Any]:
+    return {
+        "file": str(part.path),
+        "joint": part.joint,
+        "joints": list(part.joints),
+        "fit": part.fit,
+        "fit_of_best": part.fit_of_best,
     }
 
 

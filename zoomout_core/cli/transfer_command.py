@@ -27,9 +27,9 @@ from zoomout_core.assets.files import (
     write_asset,
 )
 from zoomout_core.assets.key_names import rename_keys
-from zoomout_core.assets.part_names import parts_of
+from zoomout_core.assets.part_names import mask_of_parts, parts_of
 from zoomout_core.assets.stored_map import stored_map_of
-from zoomout_core.assets.transfer_asset import KINDS, SHAPES, base_of, select_data, transfer_asset
+from zoomout_core.assets.transfer_asset import KINDS, SHAPES, base_of, select_data, transfer_asset, without_weights
 from zoomout_core.batch import (
     Job,
     check_inputs_stay,
@@ -84,6 +84,13 @@ MATCHED = 0.8
     help="Move the joints of SOURCE into TARGET, which keeps its own size and build.",
 )
 @click.option(
+    "--only",
+    multiple=True,
+    metavar="PATTERN",
+    help="Transfer only to these joints of TARGET with those below them, or meshes, such as 'Head*'; all other data, "
+    "the joints and their weights stay. May be repeated.",
+)
+@click.option(
     "--key-names",
     type=click.Choice(list(CONVENTIONS)),
     help="Rename the morph targets to a convention of expression keys, add those that are sums of others, and list "
@@ -108,6 +115,7 @@ def transfer(
     kinds: str,
     shape: str,
     move_rig: bool,
+    only: tuple[str, ...],
     key_names: str | None,
     keep_map: bool,
     candidate: int,
@@ -123,6 +131,8 @@ def transfer(
     colours, materials with their images, morph targets, and skin weights with their joints and animations, so that a
     target moves as SOURCE does. OBJ provides texture coordinates, colours and materials, PLY texture coordinates and
     colours. Other formats provide only a shape.
+
+    Several sources may share a target: transfer the body first, and then, from another source, --only the head.
 
     A folder among TARGETS stands for the meshes in it. In an output folder each file is named after its target, and
     report.json has the result of each; a target that fails does not affect the others.
@@ -143,9 +153,13 @@ def transfer(
         for job in jobs:
             check_siblings(job.output, inputs)
         check_compression(jobs[0].output, compression)
+        if only:
+            wanted = without_weights(wanted)
+        if only and (move_rig or keep_map):
+            raise OptionError("--only works without --move-rig and --keep-map, which are for a single source.")
         arguments, asset = start_arguments(**options), read_asset(source, folders)
         wanted_shape = shape.replace("-", " ")
-        choices = candidate, force, wanted, wanted_shape, move_rig, key_names, keep_map, compression, arguments
+        choices = candidate, force, wanted, wanted_shape, move_rig, only, key_names, keep_map, compression, arguments
         check_source(asset, source, wanted, jobs[0].output.suffix)
         if move_rig and (WEIGHTS not in wanted or asset.skin is None):
             raise MeshError(
@@ -166,6 +180,7 @@ def transfer(
             "kinds": wanted,
             "shape": shape,
             "move_rig": move_rig,
+            "only": only,
             "key_names": key_names,
             "keep_map": keep_map,
             "compress": compression,
@@ -220,6 +235,7 @@ def _run_job(
     kinds: list[str],
     shape: str,
     move_rig: bool,
+    only: Sequence[str],
     key_names: str | None,
     stores_map: bool,
     compression: str | None,
@@ -231,6 +247,7 @@ def _run_job(
     target = read_asset(job.target, folders)
     check_writable(target, job.target, job.output.suffix)
     check_avatar(base_of(source, target, kinds), job.output)
+    mask = mask_of_parts(target, only) if only else None
     with portion(0.0, MATCHED):
         result = match(source.surface, target.surface, **arguments)
     if candidate:
@@ -245,7 +262,7 @@ def _run_job(
     with keep_map(partial(save_match, result), job.output):
         job.output.parent.mkdir(exist_ok=True)
         with portion(MATCHED, 1.0):
-            made = transfer_asset(source, target, result, kinds, shape, move_rig=move_rig)
+            made = transfer_asset(source, target, result, kinds, shape, move_rig=move_rig, mask=mask)
         written, named = made.asset, list[str]()
         if stores_map:
             written = replace(written, stored_map=stored_map_of(result, source.surface, tuple(kinds)))

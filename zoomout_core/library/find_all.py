@@ -102,6 +102,7 @@ def find_all(
     folder: Path,
     carry: Carry = Carry.NOTHING,
     *,
+    compare: int | None = None,
     force: bool = False,
     resume: bool = True,
 ) -> FoundForAll:
@@ -112,6 +113,7 @@ def find_all(
         libraries: where the sources are.
         folder: folder of the results, created if missing.
         carry: what to transfer.
+        compare: how many of the nearest assets to match, see `search`.
         force: transfer even if the match is probably wrong.
         resume: keep what an earlier run wrote from the same files.
 
@@ -133,10 +135,10 @@ def find_all(
         with portion(number / len(targets), (number + 1) / len(targets)), renaming(place.__add__):
             try:
                 contents = [content_key(file_bytes(existing(each))) for each in inputs_of(path)]
-                key = content_key(repr((contents, prepared, carry, force, package_version())).encode())
+                key = content_key(repr((contents, prepared, carry, compare, force, package_version())).encode())
                 record = _read_record(folder, name, key) if resume else None
                 if record is None:
-                    record = _find(name, path, key, list(assets.values()), folder, carry, force)
+                    record = _find(name, path, key, list(assets.values()), folder, carry, compare, force)
                     new += 1
                 result.records[name] = record
             except (ValueError, OSError, ImportError) as error:
@@ -152,12 +154,19 @@ def place_of_picture(folder: Path, name: str) -> Path:
 
 
 def _find(
-    name: str, path: Path, key: str, assets: Sequence[LibraryAsset], folder: Path, carry: Carry, force: bool
+    name: str,
+    path: Path,
+    key: str,
+    assets: Sequence[LibraryAsset],
+    folder: Path,
+    carry: Carry,
+    compare: int | None,
+    force: bool,
 ) -> TargetRecord:
     """Find the source of a target, transfer from it, and write the results; the record last."""
     target = read_asset(path)
     with portion(0, SEARCHED):
-        found = search(target.surface, assets)
+        found = search(target.surface, assets, compare)
     result = found.ranked[0].match if found.ranked else None
     output, notes, skin = "", list[str](), None
     if found.best is None:
@@ -188,6 +197,8 @@ def _find(
         left_out = write_asset(made.asset, folder / output, inputs_of(path, found.best.path))
         skin = made.asset.skin
         notes = [*source.notes, *target.notes, *result.notes, *made.notes, *left_out]
+    if found.part is not None:
+        notes.append(found.part.sentence)
     record = TargetRecord(
         key,
         str(path),

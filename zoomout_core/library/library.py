@@ -116,11 +116,19 @@ class Library:
             self._index.write_list(listed)
         return Preparation(sum(len(each.assets) for each in listed.values()), new, failures)
 
-    def find(self, target: ShapeLike, *, progress: Callable[[Progress], object] | None = None) -> FoundSources:
+    def find(
+        self,
+        target: ShapeLike,
+        compare: int | None = None,
+        *,
+        progress: Callable[[Progress], object] | None = None,
+    ) -> FoundSources:
         """Find the assets that fit a target, whatever its pose, orientation and unit.
 
         Args:
             target: a surface, a point cloud or the path of a file, see `ShapeLike`.
+            compare: match this many of the nearest assets, for example to find another source for its head; by default
+                four or fewer.
             progress: called with the `Progress` from time to time, see `zoomout_core.progress`.
 
         Returns:
@@ -128,8 +136,9 @@ class Library:
 
         Raises:
             MeshError: the library is not prepared, or the target cannot be analysed.
+            ValueError: `compare` is not positive.
         """
-        return find_source(target, (self,), progress=progress)
+        return find_source(target, (self,), compare, progress=progress)
 
     def assets(self) -> Iterator[LibraryAsset]:
         """The prepared assets whose files still exist."""
@@ -213,12 +222,17 @@ def _surface_of_asset(name: str, written: Path | str) -> Surface:
 
 @on_one_blas_thread
 def find_source(
-    target: ShapeLike, libraries: Sequence[Library], *, progress: Callable[[Progress], object] | None = None
+    target: ShapeLike,
+    libraries: Sequence[Library],
+    compare: int | None = None,
+    *,
+    progress: Callable[[Progress], object] | None = None,
 ) -> FoundSources:
     """Find the assets of several libraries that fit a target, see `Library.find`.
 
     Raises:
         MeshError: a library is not prepared, or the target cannot be analysed.
+        ValueError: `compare` is not positive.
 
     Example:
         >>> notes = zo.write_asset(zo.Asset(source), folder / "hero.ply")
@@ -227,6 +241,8 @@ def find_source(
         >>> zo.find_source(target, [library]).nearest.name
         'hero.ply'
     """
+    if compare is not None and compare < 1:
+        raise ValueError(f"compare is {compare}: give a number of assets of at least 1.")
     assets: dict[Path, LibraryAsset] = {}
     for library in libraries:
         found = {asset.path: asset for asset in library.assets()}
@@ -234,4 +250,4 @@ def find_source(
             raise MeshError(NOT_PREPARED, folder=library.folder)
         assets |= found
     with listening(progress):
-        return search(as_surface(target), list(assets.values()))
+        return search(as_surface(target), list(assets.values()), compare)

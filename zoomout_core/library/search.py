@@ -11,6 +11,7 @@ import numpy as np
 
 from zoomout_core.library.bodies import Body, bodies_of, match_options
 from zoomout_core.library.descriptor import Difference, compare
+from zoomout_core.library.parts import FoundPart, find_part
 from zoomout_core.matching.pipeline import match
 from zoomout_core.matching.ranking.scores import SCORES
 from zoomout_core.matching.result import MatchResult
@@ -35,6 +36,11 @@ REASONS = {
 }
 DEFORMED = "the best map onto it deforms the target too much (fit {fit:.0%})"
 UNCERTAIN = "the best map onto it is only {certainty} certain"
+
+
+# Misfit for a difference of one, in the order of the assets found: assets that share a body have equal maps, and are
+# told apart by their clothes.
+TIE = 0.001
 
 
 @dataclass(frozen=True)
@@ -112,6 +118,7 @@ class FoundSources(Summary):
         ranked: the assets that were matched, those that fit first, by increasing misfit.
         nearest: the file of the nearest asset, by its descriptor if none was matched; None if there are no assets.
         refusal: why nothing fits; empty if the first asset does.
+        part: the part of the target that another asset fits much better than the first; None if no part does.
 
     Example:
         >>> hero = zo.FoundSource("hero.glb", difference=0.4, certainty=0.97, misfit=0.06)
@@ -122,6 +129,7 @@ class FoundSources(Summary):
     ranked: tuple[FoundSource, ...]
     nearest: Path | None
     refusal: str
+    part: FoundPart | None = None
 
     @property
     def best(self) -> FoundSource | None:
@@ -135,8 +143,13 @@ class FoundSources(Summary):
         return {"best": self.refusal or self.ranked[0].path.name} | rows
 
 
-def search(target: Surface, assets: Sequence[LibraryAsset]) -> FoundSources:
+def search(target: Surface, assets: Sequence[LibraryAsset], compare: int | None = None) -> FoundSources:
     """Find the assets that fit a target.
+
+    Args:
+        target: the target.
+        assets: where to search.
+        compare: match this many of the nearest assets; by default few, and fewer if the nearest is much nearer.
 
     Raises:
         MeshError: the target cannot be analysed.
@@ -146,17 +159,21 @@ def search(target: Surface, assets: Sequence[LibraryAsset]) -> FoundSources:
     with portion(0.0, 0.2):
         bodies = bodies_of(target)
     compared = [_compare(asset, bodies) for asset in assets]
-    order = np.argsort([each.difference.total for each in compared], kind="stable")
-    nearest = compared[order[0]]
-    limit = min(SEARCH.beyond * nearest.difference.total, SEARCH.max_difference)
-    chosen = [compared[i] for i in order[: SEARCH.matched] if compared[i].difference.total <= limit]
+    closest = _closest(compared, compare or SEARCH.matched)
+    nearest = closest[0]
+    limit = SEARCH.max_difference
+    if compare is None:
+        limit = min(SEARCH.beyond * nearest.difference.total, limit)
+    chosen = [each for each in closest if each.difference.total <= limit]
     found = []
     for number, each in enumerate(chosen):
         with stage("Matching", 0.2 + 0.8 * number / len(chosen), 0.2 + 0.8 * (number + 1) / len(chosen)):
             result = match(each.source.surface, each.target.surface, match_options())
-        found.append(FoundSource(each.path, each.difference.total, result.certainty, misfit_of(result), result))
-    ranked = tuple(sorted(found, key=lambda each: (not each.fits, each.misfit)))
-    return FoundSources(ranked, ranked[0].path if ranked else nearest.path, _refusal(ranked, nearest))
+        source = FoundSource(each.path, each.difference.total, result.certainty, misfit_of(result), result)
+        found.append(((not source.fits, source.misfit + TIE * each.overall), source))
+    ranked = tuple(source for _, source in sorted(found, key=lambda pair: pair[0]))
+    nearest_path = ranked[0].path if ranked else nearest.path
+    return FoundSources(ranked, nearest_path, _refusal(ranked, nearest), find_part(ranked))
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,15 +184,26 @@ class _Compared:
     source: Body
     target: Body
     difference: Difference
+    overall: float  # the mean difference of all kinds of bodies that both have
 
 
 def _compare(asset: LibraryAsset, targets: Mapping[str, Body]) -> _Compared:
-    pairs = [
-        _Compared(asset.path, source, targets[kind], compare(source.descriptor, targets[kind].descriptor))
-        for kind, source in asset.bodies.items()
-        if kind in targets
-    ]
-    return min(pairs, key=lambda pair: pair.difference.total)
+    kinds = [kind for kind in asset.bodies if kind in targets]
+    differences = [compare(asset.bodies[kind].descriptor, targets[kind].descriptor) for kind in kinds]
+    totals = [each.total for each in differences]
+    least = int(np.argmin(totals))
+    kind = kinds[least]
+    return _Compared(asset.path, asset.bodies[kind], targets[kind], differences[least], float(np.mean(totals)))
+
+
+def _closest(compared: Sequence[_Compared], count: int) -> list[_Compared]:
+    """The assets to match, the nearest first by their most similar bodies, and the last by all of its bodies.
+
+    Bodies of one base mesh differ in few of them, in their pose: the asset of the target's own build may be fifth.
+    """
+    first = sorted(compared, key=lambda each: each.difference.total)
+    closest, rest = first[: max(count - 1, 1)], first[max(count - 1, 1) :]
+    return closest + sorted(rest, key=lambda each: each.overall)[: count - len(closest)]
 
 
 def misfit_of(result: MatchResult) -> float:

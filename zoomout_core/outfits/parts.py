@@ -4,9 +4,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from fnmatch import fnmatchcase
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +13,7 @@ from scipy.sparse import csr_array
 
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.assets.asset import MATERIALS, Asset
+from zoomout_core.assets.part_names import matches
 from zoomout_core.mesh.formats.opening import shown
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.transfer.attribute import Domain
@@ -82,7 +82,7 @@ def are_of_body(names: Sequence[Sequence[str]], body: Sequence[str] = (), *, wea
 def mask_of(asset: Asset, patterns: Sequence[str]) -> Floats:
     """(n,) 1 at vertices of meshes or materials whose names match one of some patterns, else 0."""
     surface, (names, part) = asset.surface, _named_parts(asset)
-    chosen = np.array([_matches(name, patterns) for name in names])[part]
+    chosen = np.array([matches(name, patterns) for name in names])[part]
     mask = np.zeros(len(surface.vertices))
     mask[surface.corner_vertex[np.repeat(chosen, np.diff(surface.face_start))]] = 1
     return mask
@@ -102,15 +102,10 @@ def _named_parts(asset: Asset) -> tuple[list[tuple[str, str]], Integers]:
     return names, part.ravel()
 
 
-def _matches(names: Iterable[str], patterns: Sequence[str]) -> bool:
-    """Whether one of some names matches one of the patterns, such as `Body*`, in any case."""
-    return any(fnmatchcase(name.lower(), pattern.lower()) for name in names for pattern in patterns)
-
-
 def _is_of_body(names: Sequence[str], patterns: Sequence[str]) -> bool | None:
     """Whether a part is of the body; None if its names do not tell."""
     if patterns:
-        return _matches(names, patterns)
+        return matches(names, patterns)
     for name in names:
         words = re.sub(r"[^a-z]+", " ", re.sub(r"([a-z])([A-Z])", r"\1 \2", name).lower())
         if OF_WORN.search(words):

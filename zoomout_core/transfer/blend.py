@@ -26,7 +26,7 @@ class Blend:
 
     Attributes:
         mode: "mix": everywhere. "missing": only where values are missing: all numbers of a value are zero, a label is
-            zero, false or empty, or a vertex has no weight in the groups that share it.
+            zero, false or empty, a vertex has no weight in the groups that share it, or a shape key moves no vertex.
         factor: share of the transferred values, in [0, 1].
         mask: (n_t,) factor for each vertex of the target, which multiplies `factor`; None for 1 everywhere.
     """
@@ -71,9 +71,11 @@ def blend(
         return replace(transferred, values=_blend_weights(transferred, present, amount, how.mode, set(sharing)))
     new = np.asarray(transferred.values)
     old = np.zeros_like(new) if present is None else np.asarray(present.values)
-    if how.mode == "missing":
-        amount = amount * is_nothing(old)
     amount = amount.reshape(-1, *[1] * (new.ndim - 1))
+    if how.mode == "missing":
+        is_key = transferred.kind is Kind.OFFSET
+        missing = (old == 0).all(axis=(0, 2))[:, None] if is_key else is_nothing(old).reshape(amount.shape)
+        amount = amount * missing
     if RULES[transferred.kind].mixable:
         return replace(transferred, values=(old + amount * (new - old)).astype(new.dtype))
     return replace(transferred, values=np.where(amount > 0.5, new, old))

@@ -41,3 +41,10 @@ class ZOOMOUT_PT_library(SidebarPanel, Panel):
             column.operator(
                 ZOOMOUT_OT_append_source.bl_idname, text=found.line, icon=icon, translate=False
             ).path = found.name
+        if settings.found_part:
+            column = layout.column(align=True)
+            column.label(text="Better for a part, after the first:")
+            operator = column.operator(
+                ZOOMOUT_OT_append_source.bl_idname, text=settings.found_part_line, icon="GROUP_VERTEX", translate=False
+            )
+            operator.path, operator.joints = settings.found_part, settings.found_part_joints

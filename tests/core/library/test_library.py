@@ -5,8 +5,10 @@ from __future__ import annotations
 
 import json
 import os
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -122,6 +124,31 @@ def test_dissimilar_assets_are_not_matched(folder: Path, target: zo.Surface, mon
     assets = list(zo.Library(folder).assets())
     monkeypatch.setattr(search_module, "bodies_of", lambda surface: assets[0].bodies)
     assert [each.path for each in search_module.search(target, assets).ranked] == [assets[0].path]
+    # More are matched on request.
+    assert len(search_module.search(target, assets, 2).ranked) == 2
+    assert len(search_module.search(target, assets, 1).ranked) == 1
+    with pytest.raises(ValueError, match="compare is 0: give a number of assets of at least 1"):
+        zo.find_source(target, [zo.Library(folder)], 0)
+
+
+def test_assets_that_share_a_body_are_ordered_by_what_they_wear(
+    folder: Path, target: zo.Surface, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    result = SimpleNamespace(certainty=0.9, chosen=0, candidates=[SimpleNamespace(scores={"total": -20.0})])
+    monkeypatch.setattr(search_module, "match", lambda *_: result)
+    whole, tailless = zo.Library(folder).assets()
+    monkeypatch.setattr(search_module, "bodies_of", lambda surface: whole.bodies)
+    dressed = replace(whole, path=Path("dressed.ply"), bodies={**whole.bodies, "tight hull": tailless.bodies["hull"]})
+    found = search_module.search(target, [dressed, whole])
+    assert [each.path for each in found.ranked] == [whole.path, dressed.path]
+
+
+def test_the_last_asset_to_match_is_the_nearest_by_all_bodies() -> None:
+    sizes = [(1.0, 1.5), (1.1, 2.0), (1.2, 3.0), (1.3, 2.5), (1.4, 1.0)]
+    rows: list[Any] = [SimpleNamespace(difference=SimpleNamespace(total=a), overall=b) for a, b in sizes]
+    assert search_module._closest(rows[::-1], 4) == [*rows[:3], rows[4]]
+    assert search_module._closest(rows, 1) == rows[:1]
+    assert search_module._closest(rows[:2], 4) == rows[:2]
 
 
 def test_an_empty_library_is_refused(target: zo.Surface) -> None:

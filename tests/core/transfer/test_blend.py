@@ -64,6 +64,15 @@ def test_missing_mode_replaces_only_empty_values() -> None:
     np.testing.assert_array_equal(result[rest], old[rest])
 
 
+def test_shape_key_is_missing_if_it_moves_nothing() -> None:
+    new, old = (RANDOM.uniform(0.1, 1, (N, 2, 3)) for _ in range(2))
+    old[:, 1], old[::3, 0] = 0, 0
+    both = attribute(Kind.OFFSET, Domain.POINT, new), attribute(Kind.OFFSET, Domain.POINT, old)
+    result = blend(*both, TARGET, Blend("missing", 0.5)).values
+    np.testing.assert_array_equal(result[:, 0], old[:, 0])
+    np.testing.assert_allclose(result[:, 1], new[:, 1] / 2)
+
+
 def test_missing_attribute_counts_as_zero() -> None:
     new = numbers(Domain.POINT, 3)
     result = blend(attribute(Kind.VECTOR, Domain.POINT, new), None, TARGET, Blend(mask=MASK)).values

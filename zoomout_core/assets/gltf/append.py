@@ -6,7 +6,7 @@ New rows of its tables follow the old ones, so that the numbers that its extensi
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -93,6 +93,18 @@ def append_to_gltf(
     if added.look is not None and look is not None:
         notes += [*added.look.notes[known:], *look.notes]
     return (*lost, *notes)
+
+
+def append_materials(base: Document, look: Document, numbers: Iterable[int]) -> Document:
+    """A copy of a document, with materials of another one, which have these numbers there, in addition."""
+    made = _Made.of(base)
+    copier = _LookCopier(made, look)
+    for number in numbers:
+        copier.material(number)
+    made.declare_extensions(copier.required)
+    joined = made.document()
+    joined.notes += dict.fromkeys([*base.notes, *look.notes, *copier.notes])
+    return joined
 
 
 def _shell(made: _Made, added: Asset) -> Document:
@@ -196,10 +208,18 @@ class _Made:
 
     def pack(self) -> bytes:
         """The content of a GLB file."""
+        return pack_glb(self._finish(), bytes(self.content))
+
+    def document(self) -> Document:
+        """The written document."""
+        tree = self._finish()
+        return Document.from_tree(tree, bytes(self.content))
+
+    def _finish(self) -> dict[str, Any]:
+        """The JSON with its buffer."""
         self.content.extend(bytes(-len(self.content) % 4))
         self.tree["buffers"] = [{"byteLength": len(self.content)}]
-        tree = {name: part for name, part in self.tree.items() if part != []}
-        return pack_glb(tree, bytes(self.content))
+        return {name: part for name, part in self.tree.items() if part != []}
 
 
 class _Copier:

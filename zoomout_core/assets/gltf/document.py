@@ -66,11 +66,9 @@ class Document:
     """
 
     def __init__(self, path: Path, folders: Iterable[Path] = ()) -> None:
-        reading = library().GLTF2
+        library()  # before a large file is read
         self._file: GltfFile | None = read_gltf_file(path, folders)
-        self.gltf: GLTF2 = reading.from_json(
-            json.dumps(self._file.tree), infer_missing=True, object_hook=_with_free_objects
-        )
+        self.gltf: GLTF2 = _gltf_of(self._file.tree)
         self.notes: list[str] = []
         self._buffers, self._images = self._file.buffers, dict[int, bytes | None]()
 
@@ -81,6 +79,13 @@ class Document:
         document.gltf, document._file, document.notes = gltf, None, []
         document._buffers, document._images = (bytes(gltf.binary_blob()),), {}
         return document
+
+    @classmethod
+    def from_tree(cls, tree: dict[str, Any], content: bytes) -> Document:
+        """Make a document from JSON and the content of its only buffer."""
+        gltf = _gltf_of(tree)
+        gltf.set_binary_blob(content)
+        return cls.from_gltf(gltf)
 
     def copy(self) -> Document:
         """A copy that shares the buffers; changes to its nodes and animations do not change this document."""
@@ -217,6 +222,11 @@ class Document:
             number = waiting.pop()
             yield number
             waiting.extend(reversed(self.gltf.nodes[number].children or []))
+
+
+def _gltf_of(tree: dict[str, Any]) -> GLTF2:
+    """The object of pygltflib for JSON."""
+    return library().GLTF2.from_json(json.dumps(tree), infer_missing=True, object_hook=_with_free_objects)
 
 
 def _with_free_objects(part: dict[str, Any]) -> dict[str, Any]:

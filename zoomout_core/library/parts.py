@@ -1,0 +1,170 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Parts of a target, such as its head, that another source fits better than the one that fits the whole best.
+
+The joints of the best source divide the target into pieces that are nearly rigid in any pose. A source fits a piece as
+well as one similarity places the piece on it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from zoomout_core.arrays import Floats, Integers
+from zoomout_core.assets.asset import Asset
+from zoomout_core.assets.files import GLTF, read_asset
+from zoomout_core.assets.part_names import joints_below
+from zoomout_core.geometry.closest_points import SurfaceSearch
+from zoomout_core.geometry.procrustes import procrustes
+from zoomout_core.matching.result import MatchResult
+from zoomout_core.messages import Message, message
+from zoomout_core.transfer.rigging.poses import parents_first
+from zoomout_core.tuning import Tuning, tuned
+
+if TYPE_CHECKING:
+    from zoomout_core.library.search import FoundSource
+
+
+@dataclass(frozen=True)
+class PartTuning(Tuning, set_by="library"):
+    """When another source is proposed for a part."""
+
+    smallest: float = tuned(0.03, "of the area", 0, 1)  # share of the target that a part has at least
+    largest: float = tuned(0.5, "of the area", 0, 1)  # and at most
+    piece: int = tuned(20, "vertices of a body", 4, 1000)  # a smaller piece belongs to that of the joint above
+    poor: float = tuned(0.005, "at unit area", 0, 1)  # mean error of the best source there; less is noise of bodies
+    better: float = tuned(0.55, "1", 0, 1)  # error of the other source, relative to that of the best one
+
+
+PARTS = PartTuning()
+BETTER = (
+    "{file} fits the joint {joint} and all below it better than {best} does ({fit:.1%} instead of {fit_of_best:.1%}). "
+    "To use both, transfer from the latter first, and then from the other one to this joint only."
+)
+
+# Rounds of closest points, which converge within about as many.
+ROUNDS = 10
+# A part is at most this many times as large or small on another source, relative to its body: a map that is wrong may
+# shrink it to a point, which fits.
+MAX_SCALE = 2.0
+
+
+@dataclass(frozen=True)
+class FoundPart:
+    """A part of a target that another source fits better.
+
+    Attributes:
+        path: the file of the other source.
+        best: the file of the best source.
+        joint: the joint of the best source that moves the part, with all below it.
+        joints: the names of these joints.
+        fit: one minus the error of the other source, relative to the size of the part.
+        fit_of_best: the same of the best source.
+
+    Example:
+        >>> part = zo.FoundPart("princess.glb", "hero.glb", "Head", ("Head", "Jaw"), fit=0.992, fit_of_best=0.957)
+        >>> str(part.sentence)[:63]
+        'princess.glb fits the joint Head and all below it better than h'
+    """
+
+    path: Path
+    best: Path
+    joint: str
+    joints: tuple[str, ...]
+    fit: float
+    fit_of_best: float
+
+    @property
+    def sentence(self) -> Message:
+        """The part, and how to use its source, for the user."""
+        names = {"joint": self.joint, "file": str(self.path), "best": str(self.best)}
+        return message(BETTER, **names, fit=self.fit, fit_of_best=self.fit_of_best)
+
+
+def find_part(ranked: Sequence[FoundSource]) -> FoundPart | None:
+    """The part of a target that another source fits better by most; None if no part fits much better.
+
+    Args:
+        ranked: the sources, the best first. Parts are those of its joints, so it must be a glTF file with a skin.
+    """
+    fitting = [each for each in ranked if each.fits]
+    if len(fitting) < 2 or fitting[0].path.suffix.lower() not in GLTF:
+        return None
+    asset = read_asset(fitting[0].path)
+    if asset.skin is None:
+        return None
+    best, others = fitting[0].match, fitting[1:]
+    assert best is not None
+    joint = _main_joint(asset, best)
+    piece = _pieces(joint, asset.skin.parents)
+    vertices, areas = best.target.vertices, best.target.vertex_areas / best.target.area
+    errors = [_errors(each.match, vertices, areas, piece) for each in fitting if each.match is not None]
+    found, most = None, 0.0
+    for number, name in enumerate(asset.skin.names):
+        below = joints_below(asset.skin, np.arange(len(asset.skin.names)) == number)
+        inside = below[joint]
+        share = float(areas[inside].sum())
+        if not PARTS.smallest <= share <= PARTS.largest:
+            continue
+        of_best, *of_others = (float(np.sqrt(areas[inside] @ each[inside] / share)) for each in errors)
+        other = int(np.argmin(of_others))
+        gain = (of_best**2 - of_others[other] ** 2) * share
+        if of_best > PARTS.poor and of_others[other] < PARTS.better * of_best and gain > most:
+            most = gain
+            names = tuple(each for each, is_below in zip(asset.skin.names, below, strict=True) if is_below)
+            fits = (1 - each / np.sqrt(share) for each in (of_others[other], of_best))
+            found = FoundPart(others[other].path, fitting[0].path, name, names, *fits)
+    return found
+
+
+def _main_joint(asset: Asset, match: MatchResult) -> Integers:
+    """(n_t,) the joint that moves each vertex of the target of a match between bodies, from the asset's weights."""
+    assert asset.skin is not None
+    nearest = np.asarray(cKDTree(asset.surface.vertices).query(match.source.vertices)[1])
+    weights = match.surface_map.interpolate(asset.skin.weights[nearest].toarray())
+    return np.asarray(weights.argmax(axis=1))
+
+
+def _pieces(joint: Integers, parents: Integers) -> Integers:
+    """(n,) the joint of the nearly rigid piece of each vertex, from the joint that moves it.
+
+    A joint that moves few vertices belongs to the piece of the joint above.
+    """
+    piece = joint.copy()
+    for each in reversed(parents_first(parents)):
+        if parents[each] >= 0 and np.count_nonzero(piece == each) < PARTS.piece:
+            piece[piece == each] = parents[each]
+    return piece
+
+
+def _errors(match: MatchResult, vertices: Floats, areas: Floats, piece: Integers) -> Floats:
+    """(n,) squared distances of vertices (n, 3) from the source, on which a similarity places each piece, at unit area.
+
+    The similarity starts from the images of the piece, and then keeps its scale and follows the closest points, so that
+    errors of the map along the surface do not count.
+
+    Args:
+        match: the match, of any body of the target.
+        vertices: vertices of the target.
+        areas: (n,) their areas.
+        piece: (n,) the pieces that have a similarity each.
+    """
+    near = cKDTree(match.target.vertices).query(vertices)[1]
+    images = match.surface_map.interpolate(match.source.vertices)[near]
+    search = SurfaceSearch(match.source.vertices, match.source.triangles)
+    size = float(np.sqrt(match.source.area / match.target.area))
+    found = np.zeros(len(vertices))
+    for each in np.unique(piece):
+        own, onto, weights = (values[piece == each] for values in (vertices, images, areas))
+        motion = procrustes(own, onto, weights, scales=(size / MAX_SCALE, size * MAX_SCALE))
+        for _ in range(ROUNDS):
+            triangle, barycentric = search.closest(motion(own))
+            onto = np.einsum("nk,nkx->nx", barycentric, match.source.vertices[match.source.triangles[triangle]])
+            motion = procrustes(own, onto, weights, scales=(motion.scale, motion.scale))
+        found[piece == each] = ((motion(own) - onto) ** 2).sum(axis=1) / motion.scale**2
+    return found / match.target.area
