@@ -9,7 +9,7 @@ from functools import cached_property
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
-from scipy.sparse import csc_array, csr_array, diags_array, vstack
+from scipy.sparse import csc_array, csr_array, diags_array, eye_array, kron, vstack
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Floats, Integers
@@ -64,6 +64,8 @@ class ContactTuning(Tuning, set_by="outfits"):
 CONTACT = ContactTuning()
 # Range of a push, relative to the length over which it is spread.
 PUSHED = 6.0
+# Stiffness of rotations of parts without extent, as a share of the mean of the diagonal.
+TURNING = 1e-9
 # Minimum mean number of samples of a triangle of a worn object.
 SAMPLES = 8
 # The smallest and the largest distance from the skin that is kept; places between them keep their own.
@@ -279,15 +281,36 @@ class Contact:
             which, pushes = _pushes(bounds, probes @ positions)
             if not len(which):
                 break
-            touched, weights = csr_array(probes[which]), CONTACT.firmness * self._areas[which]
+            touched = csr_array(probes[which])
             free = self._around(np.unique(touched.indices))
-            motions = self._kept.motions(free)
-            there = touched[:, free] @ motions
-            staying = motions.T @ self._staying[free][:, free] @ motions
-            matrix = csc_array(staying + there.T @ diags_array(weights) @ there)
-            loads = there.T @ (weights[:, None] * pushes)
-            positions[free] += motions @ factorise(matrix).solve(np.asfortranarray(loads))
+            weights = CONTACT.firmness * self._areas[which]
+            positions[free] += self._displace(free, positions, touched[:, free], weights, pushes)
         return positions, bounds[0].count_inside(probes @ positions)
+
+    def _displace(
+        self, free: Integers, positions: Floats, touched: csr_array, weights: Floats, pushes: Floats
+    ) -> Floats:
+        """(f, 3) displacements of free points that push places, which a matrix (v, f) maps to, as far as weights (v,).
+
+        Args:
+            free: numbers of the points, with whole kept parts.
+            positions: (n, 3) where all points are.
+            touched: (v, f) matrix that interpolates the pushed places.
+            weights: (v,) of the pushes.
+            pushes: (v, 3) how the places must move.
+        """
+        staying, loads = self._staying[free][:, free], weights[:, None] * pushes
+        if not self._kept.weights[free].any():
+            matrix = csc_array(staying + touched.T @ diags_array(weights) @ touched)
+            return np.asarray(factorise(matrix).solve(np.asfortranarray(touched.T @ loads)))
+        motions = self._kept.motions(free, positions)
+        in_space = eye_array(3)
+        there = csr_array(kron(touched, in_space)) @ motions.matrix
+        matrix = motions.matrix.T @ kron(staying, in_space, format="csr") @ motions.matrix
+        matrix += there.T @ diags_array(np.repeat(weights, 3)) @ there
+        # Parts without extent, such as single points, may turn as they like.
+        matrix += TURNING * matrix.diagonal().mean() * eye_array(matrix.shape[0])
+        return motions.displace(factorise(csc_array(matrix)).solve(there.T @ loads.ravel()))
 
     def _around(self, chosen: Integers) -> Integers:
         """(f,) which points a push at chosen ones reaches, by whole kept parts."""

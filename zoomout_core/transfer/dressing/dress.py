@@ -222,11 +222,8 @@ class _Fit:
         solid = solid_parts(form) if manner == "automatic" else []
         kept = KeptParts.of(form)
         if kept.count:
-            rigid, linear = kept.fit_rigidly(form, moved, float(np.median(motion.growth)))
+            rigid, _ = kept.fit_rigidly(form, moved, float(np.median(motion.growth)))
             moved = moved + kept.displace(form, rigid - moved[kept.points], pull, length)
-            turns = motion.turns.copy()
-            turns[kept.points] += kept.weights[kept.points, None, None] * (linear - turns[kept.points])
-            motion = motion._replace(turns=turns)
             solid = [part for part in solid if not form.keep[part].any()]
         return cls(form, motion, moved, solid, False)
 
@@ -253,12 +250,19 @@ class _Fit:
         """
         positions = with_solid_parts(self.form, self.parts, self.soft, self.motion.images, self.positions)
         number = self.form.number
-        found, turns, alone = positions[number], self.motion.turns[number], np.flatnonzero(number < 0)
+        found, turns, alone = positions[number], self._turns(positions)[number], np.flatnonzero(number < 0)
         stretched = _stretched_points(self.form, self.motion, positions)[number] & (number >= 0)
         if len(alone):
             motion = following.motion(self.form.places[alone])
             found[alone], turns[alone] = motion.images, motion.turns
         return following.unit_after * found, following.unit_after / following.unit * turns, stretched
+
+    def _turns(self, positions: Floats) -> Floats:
+        """(n, 3, 3) rotation and growth around each point: that of the body, or of the part that keeps its form."""
+        kept, turns = KeptParts.of(self.form), self.motion.turns.copy()
+        _, linear = kept.fit_rigidly(self.form, positions, float(np.median(self.motion.growth)))
+        turns[kept.points] += kept.weights[kept.points, None, None] * (linear - turns[kept.points])
+        return turns
 
 
 @dataclass(frozen=True, eq=False)
