@@ -101,6 +101,14 @@ def bind_clothes(clothes: Asset, fit: Fit, target: Asset) -> BoundClothes:
     return BoundClothes(replace(clothes, skin=skin), joints, nodes, tuple(notes))
 
 
+def move_skinned(clothes: Asset, skin: Skin | None) -> Asset:
+    """Clothes with a skin that was made for other positions of their vertices."""
+    if skin is None:
+        return replace(clothes, skin=None)
+    rest, linear = to_rest(clothes.surface.vertices, skin.weights, skin.transforms)
+    return replace(clothes, skin=replace(skin, rest=rest, linear=linear))
+
+
 def _skin_of_body(surface: Surface, body: Surface, skin: Skin) -> Skin:
     """A skin for a surface without one: the weights of the nearest places of the body."""
     triangle, barycentric = closest_points(surface.vertices, body.vertices, body.triangles)

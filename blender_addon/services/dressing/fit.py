@@ -19,7 +19,7 @@ from zoomout_core.transfer.dressing.hidden_skin import keys_that_hide_skin
 from ...mesh_data import BodyKeys, OutfitBones, Worn
 from ...storage import stored_match
 from .read import Dressing, Fitting, Rigs
-from .worn_weights import Change, GroupWeights, follow_groups
+from .worn_weights import Change, GroupWeights, clear_copies, follow_groups
 
 # Fractions of the progress for giving the source the target's shape, and for fitting, before objects follow keys.
 SHAPING, FITTED = 0.8, 0.9
@@ -73,8 +73,13 @@ def fit_worn(match: stored_match.Match, fitting: Fitting, dressing: Dressing) ->
     if fitting.rigs is not None and fitting.weights is not None:
         fit = _move_bones(fit, fitting, fitting.rigs, body, shape)
         fit = _follow_weights(fit, fitting, fitting.rigs, fitting.weights, body)
+        dressed = clear_copies(
+            fit.dressed, fit.weights, fitting.weights, fitting.rigs.others, fitting.rigs.outfit, fit.pairs
+        )
+        fit = replace(fit, dressed=dressed)
     if fitting.keys is None:
         return fit
+    dressed = fit.dressed
     with portion(FITTED, 1):
         keys = _follow_keys(fitting, fitting.keys, dressed)
     if not fitting.worn[0].at_rest:  # then the target's keys have their present values
