@@ -85,7 +85,7 @@ class SidedSurface:
         self.vertices, self.triangles, self._is_part = vertices, triangles, is_part
 
     @cached_property
-    def _normals(self) -> Floats:
+    def normals(self) -> Floats:
         """(n, 3) unit normals of the vertices."""
         return vertex_normals(self.vertices, self.triangles)
 
@@ -133,7 +133,7 @@ class SidedSurface:
         triangle, barycentric, distance = self.closest(points)
         corners = self.triangles[triangle]
         off = points - np.einsum("pc,pcx->px", barycentric, self.vertices[corners])
-        normals = unit_vectors(np.einsum("pc,pcx->px", barycentric, self._normals[corners]))
+        normals = unit_vectors(np.einsum("pc,pcx->px", barycentric, self.normals[corners]))
         along = np.einsum("px,px->p", off, normals)
         return np.where(along < 0, -distance, distance), normals, np.abs(along) >= CONTACT.facing * distance
 

@@ -91,7 +91,7 @@ class Dressed:
             target.
         stretched: for each object (n,) vertices at edges that are stretched much more than the body.
         notes: sentences for the user.
-        outfit: the state of the fit, for `clear_in_poses`.
+        outfit: the state of the fit, which `clear_in_poses` continues.
 
     Example:
         >>> dressed = zo.dress(result, source, target, [source])
@@ -217,25 +217,29 @@ class Outfit:
         following: the motion of the space around the body.
         skin: the body, as a barrier.
         margins: the bounds of the distance from the skin that is kept.
+        layers: their layers, from the skin outwards: each is a barrier for those above it.
     """
 
     fits: list[_Fit]
     following: Following
     skin: Barrier
     margins: Margins
+    layers: list[_Layer] = field(init=False)
+
+    def __post_init__(self) -> None:
+        every = (layer for fit in self.fits for layer in fit.layers())
+        self.layers = sorted(every, key=lambda layer: layer.height)
 
     def push_out(self, posed: Sequence[Posed | None] = ()) -> Dressed:
         """Push each layer out of the skin, in poses as well where these are given, and of the layers below it."""
         stuck, barriers = 0, [self.skin]
         poses_of = dict(zip(self.fits, posed, strict=False))
-        # From the skin outwards: each layer is a barrier for those above it.
-        layers = sorted((layer for fit in self.fits for layer in fit.layers()), key=lambda layer: layer.height)
         with stage("Dressing"):
-            for done, layer in enumerate(layers, start=1):
+            for done, layer in enumerate(self.layers, start=1):
                 stuck += layer.push_out(barriers, self.margins, poses_of.get(layer.fit))
-                if done < len(layers) and layer.is_barrier:
+                if done < len(self.layers) and layer.is_barrier:
                     barriers.append(layer.as_barrier(barriers[0].before))
-                advance(done / len(layers))
+                advance(done / len(self.layers))
         found = [fit.of_vertices(self.following) for fit in self.fits]
         vertices, turns, stretched = zip(*found, strict=True)
         notes = (warning("{count:,} points still intersect the skin: check these.", count=stuck),) if stuck else ()
@@ -310,12 +314,13 @@ class _Fit:
         return turns
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class _Layer:
     """A part of a fit that is kept above the skin and above the layers beneath it."""
 
     fit: _Fit  # the object
     points: Integers  # numbers of its points
+    contact: Contact | None = None  # where it touches these before the change of shape, once it is known
 
     @property
     def height(self) -> float:
@@ -335,8 +340,9 @@ class _Layer:
         if fit.is_rigid:
             fit.positions, stuck = push_out_rigidly(form, fit.positions, fit.motion.growth, barriers, margins)
         else:
-            contact = Contact(form, fit.positions, barriers, self.points)
-            after, more = [barrier.after for barrier in barriers], list[Bounds]()
+            if self.contact is None:
+                self.contact = Contact(form, fit.positions, barriers, self.points)
+            contact, after, more = self.contact, [barrier.after for barrier in barriers], list[Bounds]()
             if posed is not None:
                 body, weights = posed
                 of_places = csr_array(contact.probes @ csr_array(weights)[form.first])

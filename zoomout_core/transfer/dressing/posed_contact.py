@@ -65,14 +65,19 @@ class PosedBounds:
 
     def __init__(self, places: Floats, weights: csr_array, skin: SidedSurface, body: PosedBody) -> None:
         beside = skin.beside(places, POSED_CONTACT.near)
-        off, _, known = skin.sides(places[beside])
-        outside = beside[known & (off > 0) & (off < POSED_CONTACT.near)]
-        triangle, barycentric, _ = skin.closest(places[outside])
-        below = interpolation_matrix(skin.triangles[triangle], barycentric, len(skin.vertices))
-        common = np.asarray(weights[outside].minimum(csr_array(below @ body.weights)).sum(axis=1)).ravel()
-        follows = np.flatnonzero(common >= POSED_CONTACT.agreement)
-        self._which, below = outside[follows], below[follows]
-        self._margin = np.minimum(off[np.searchsorted(beside, self._which)], CONTACT.min_margin)
+        triangle, barycentric, distance = skin.closest(places[beside])
+        near = np.flatnonzero(distance < POSED_CONTACT.near)
+        which, below = (
+            beside[near],
+            interpolation_matrix(skin.triangles[triangle[near]], barycentric[near], len(skin.vertices)),
+        )
+        off = np.einsum("px,px->p", places[which] - below @ skin.vertices, unit_vectors(below @ skin.normals))
+        common = np.asarray(weights[which].minimum(csr_array(below @ body.weights)).sum(axis=1)).ravel()
+        # Beside a border of the skin, the side is not known.
+        above = off >= CONTACT.facing * distance[near]
+        follows = np.flatnonzero((common >= POSED_CONTACT.agreement) & above & (off > 0))
+        self._which, below = which[follows], below[follows]
+        self._margin = np.minimum(off[follows], CONTACT.min_margin)
         self._poses = list[_Pose]()
         for transforms in body.poses:
             matrices = blend_matrices(transforms, body.weights)
