@@ -19,9 +19,7 @@ from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.geometry.procrustes import procrustes
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import unit_vectors
-from zoomout_core.transfer import WeightedBody, carry, follow_weights
-from zoomout_core.transfer.dressing.dress import clear_in_poses
-from zoomout_core.transfer.dressing.posed_contact import PosedBody
+from zoomout_core.transfer import PosedBody, WeightedBody, carry, clear_in_poses, follow_weights
 from zoomout_core.transfer.rigging.poses import gentle_poses
 from zoomout_core.transfer.rigging.skinning import normalise
 

@@ -13,9 +13,7 @@ from scipy.sparse import csr_array
 
 import zoomout_core as zo
 from zoomout_core.arrays import Booleans, Floats
-from zoomout_core.transfer import Attribute, Dressed, WeightedBody, follow_weights
-from zoomout_core.transfer.dressing.dress import clear_in_poses
-from zoomout_core.transfer.dressing.posed_contact import PosedBody
+from zoomout_core.transfer import Attribute, Dressed, PosedBody, WeightedBody, clear_in_poses, follow_weights
 from zoomout_core.transfer.rigging.poses import extend_poses, gentle_poses
 from zoomout_core.transfer.rigging.skinning import normalise, renumber_bones
 

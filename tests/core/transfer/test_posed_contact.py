@@ -11,9 +11,10 @@ from zoomout_core.mesh.surface import Surface
 from zoomout_core.samples.spheres import ball
 from zoomout_core.transfer.dressing.contact import SidedSurface
 from zoomout_core.transfer.dressing.dress import Dressed, carry, clear_in_poses
-from zoomout_core.transfer.dressing.posed_contact import PosedBody
+from zoomout_core.transfer.dressing.posed_contact import POSED_CONTACT, PosedBody
 from zoomout_core.transfer.rigging.poses import pose_of_turns
 from zoomout_core.transfer.rigging.skinning import blend_matrices, transform_points
+from zoomout_core.tuning import retune
 
 # A rod along z with a joint in its middle, and a sleeve around the middle that bends a little above it.
 BODY = ball(1.0, radii=(0.3, 0.3, 1), count=2500, seed=1)
@@ -88,3 +89,15 @@ def test_cloth_that_hangs_free_or_has_no_weights_stays(column: int | None) -> No
     after = clear_in_poses(before, RIG, [free])
     upper = SLEEVE.vertices[:, 2] > 0.25
     assert np.linalg.norm(after.vertices[0] - before.vertices[0], axis=1)[upper].max() < 0.004
+
+
+@pytest.mark.parametrize("limit", [{"near": 0.0}, {"depth": 0.0}, {"agreement": 1.0}])
+def test_each_limit_excludes_places(limit: dict[str, float]) -> None:
+    """Those far from the skin, deep in it in a pose, or with weights other than the skin's."""
+    bent, moved = np.abs(SLEEVE.vertices[:, 2]) < 0.2, []
+    for limits in ({}, limit):
+        before = dressed()
+        with retune(POSED_CONTACT, **limits):
+            after = clear_in_poses(before, RIG, [weights(SLEEVE.vertices, 0.05)])
+        moved.append(np.linalg.norm(after.vertices[0] - before.vertices[0], axis=1)[bent].mean())
+    assert moved[1] < 0.2 * moved[0]

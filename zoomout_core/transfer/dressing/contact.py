@@ -147,7 +147,7 @@ class Barrier(NamedTuple):
 
 
 class Bounds(Protocol):
-    """What places must keep away from."""
+    """Surfaces that places must keep a distance from."""
 
     def pushes(self, places: Floats) -> tuple[Integers, Floats]:
         """(v,) numbers of the places (p, 3) that are too close, and (v, 3) how they must move."""
