@@ -131,6 +131,15 @@ def test_copies_are_displaced_for_poses_of_the_target(monkeypatch):
     assert above == pytest.approx(0.25, abs=0.1)
 
 
+def test_copies_on_a_target_without_weights_are_not_displaced(monkeypatch):
+    body, armature = source_and_rig()
+    cloth = sleeve(armature)
+    target, _ = own_target(body, armature)
+    target.vertex_groups.clear()
+    monkeypatch.setattr(worn_weights, "clear_in_poses", lambda *_: pytest.fail("they were displaced"))
+    assert api.dress(bpy.context, body, target, [cloth])["objects"]
+
+
 def raised_weights(points, height):
     """(n, 3) weights of a tube that bends at a height above its joints."""
     return weights_of(points - [0, 0, height]).toarray()

@@ -126,6 +126,8 @@ def clear_copies(
         outfit: the outfit's own bones, which follow the bones above them.
         pairs: names of the target's bones by those of the source's.
     """
+    if all(each is None for each in changes):
+        return dressed
     labels = (*bones.names, *outfit.names)
     number = {name: column for column, name in enumerate(labels)}
     above = [number.get(name, number.get(pairs.get(name, ""), -1)) for name in outfit.parents]
