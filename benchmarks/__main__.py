@@ -484,11 +484,30 @@ def wrap(data: Path, pairs: int | None, json_file: Path | None, pictures: Path |
 @main.command()
 @common_options
 @click.option("--pictures", type=click.Path(file_okay=False, path_type=Path), help="Draw each case here.")
-def outfits(data: Path, pairs: int | None, json_file: Path | None, pictures: Path | None) -> None:
+@click.option("--kind", "kinds", multiple=True, help="Only cases of this kind, such as 'strict build'.")
+@click.option("--way", "ways", multiple=True, help="Only this method, such as 'dress'.")
+@click.option(
+    "--records", type=click.Path(dir_okay=False, path_type=Path), help="Keep cases that are done here, and resume."
+)
+def outfits(
+    data: Path,
+    pairs: int | None,
+    json_file: Path | None,
+    pictures: Path | None,
+    kinds: tuple[str, ...],
+    ways: tuple[str, ...],
+    records: Path | None,
+) -> None:
     """Outfits on other bodies: error, penetration of the skin, distortion, keys and bones, beside Surface Deform."""
     from benchmarks import outfits as outfits_table  # it starts Blender, which the other tables do without
 
-    report(outfits_table.run(data, pairs, pictures), data, json_file)
+    for chosen, known in ((kinds, outfits_table.KINDS), (ways, outfits_table.EVERY_WAY)):
+        if not set(chosen) <= set(known):
+            raise click.UsageError(f"{', '.join(chosen)}: give some of {', '.join(known)}.")
+    tables = outfits_table.run(
+        data, pairs, pictures, kinds or outfits_table.KINDS, ways or outfits_table.EVERY_WAY, records
+    )
+    report(tables, data, json_file)
 
 
 @main.command()

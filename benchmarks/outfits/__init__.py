@@ -3,10 +3,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
+from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
-from time import perf_counter
+from time import process_time
 
 import bpy
 import numpy as np
@@ -16,9 +17,10 @@ from tqdm import tqdm
 import zoomout_core as zo
 from benchmarks.binding.pictures import draw
 from benchmarks.outfits.cases import KINDS, WITHIN, Case, cases
-from benchmarks.outfits.clothes import Body, Wardrobe
+from benchmarks.outfits.clothes import Wardrobe, move
 from benchmarks.outfits.layers import Layers
 from benchmarks.outfits.methods import BY_TRUE_MAP, WAYS, Fitted, bind_to_nearest
+from benchmarks.stored import read_or_compute, storing
 from benchmarks.tables import NOT_SHOWN, Record, Tables
 from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.geometry.oriented_closest_points import OrientedSurface
@@ -29,6 +31,7 @@ from zoomout_core.transfer import shape_of_source
 
 # The authors' own outfit on the target, if it is known.
 TRUE = "truth"
+EVERY_WAY = (*WAYS, BY_TRUE_MAP, TRUE)
 # Places farther from the skin, in centimetres, do not count for thickness.
 NEAR = 5.0
 # Places are in the skin if they are deeper than this, in centimetres.
@@ -47,7 +50,14 @@ SKIN = (0.85, 0.55, 0.42)
 COLOURS = ((0.12, 0.25, 0.6), (0.6, 0.08, 0.08), (0.85, 0.8, 0.65), (0.1, 0.1, 0.09), (0.1, 0.4, 0.15))
 
 
-def run(data: Path, pairs: int | None, pictures: Path | None = None) -> Tables:
+def run(
+    data: Path,
+    pairs: int | None,
+    pictures: Path | None = None,
+    kinds: Collection[str] = KINDS,
+    ways: Collection[str] = EVERY_WAY,
+    records: Path | None = None,
+) -> Tables:
     """Match bodies, and dress one in the clothes of the other.
 
     `rows`: for each kind, method and class of worn objects the means over its objects: clothes and hair, and separately
@@ -57,30 +67,41 @@ def run(data: Path, pairs: int | None, pictures: Path | None = None) -> Tables:
         data: a folder with the sets `clothes`, and `characters` with `faust_r` and `shrec19_r`, as far as they are
             there.
         pairs: largest number of each kind; all when not given.
-        pictures: for a picture of each case.
+        pictures: for a picture of each case that is computed.
+        kinds: of the cases.
+        ways: methods to compare.
+        records: file of the cases that are done; a run of the same code resumes from it.
     """
-    records: list[Record] = []
-    strict_keys = _strict_keys(data / "clothes")
-    for case in tqdm(list(cases(data, pairs)), leave=False):
-        begin = perf_counter()
-        match = zo.match(case.source, case.target)
-        matched = perf_counter()
-        shape = shape_of_source(match, case.source, case.target)
-        about = {"kind": case.kind, "case": case.name, "match s": matched - begin, "shape s": perf_counter() - matched}
-        found, measure = dict[str, Fitted](), _Measure(case, strict_keys)
-        ways: dict[str, Callable[[], Fitted]] = {name: partial(way, case, shape) for name, way in WAYS.items()}
-        if case.true_shape is not None:
-            ways[BY_TRUE_MAP] = partial(bind_to_nearest, case, case.true_shape)
-        if case.truth:
-            ways[TRUE] = partial(_truth, case)
-        for way, fit in ways.items():
-            begin = perf_counter()
+    strict_keys, found = _strict_keys(data / "clothes"), list[Record]()
+    with nullcontext() if records is None else storing(records, [Path(__file__).parent]):
+        for case in tqdm([each for each in cases(data, pairs) if each.kind in kinds], leave=False):
+            names = (case.kind, case.name, *ways)
+            found += read_or_compute(names, partial(_records, case, strict_keys, ways, pictures))
+    return {"rows": _rows(found), NOT_SHOWN: found}
+
+
+def _records(case: Case, strict_keys: frozenset[str], ways: Collection[str], pictures: Path | None) -> list[Record]:
+    """A record for each worn object of a case, fitted by each method; CPU seconds."""
+    begin = process_time()
+    match = zo.match(case.source, case.target)
+    matched = process_time()
+    shape = shape_of_source(match, case.source, case.target)
+    about = {"kind": case.kind, "case": case.name, "match s": matched - begin, "shape s": process_time() - matched}
+    found, measure, records = dict[str, Fitted](), _Measure(case, strict_keys), list[Record]()
+    fits: dict[str, Callable[[], Fitted]] = {name: partial(way, case, shape) for name, way in WAYS.items()}
+    if case.true_shape is not None:
+        fits[BY_TRUE_MAP] = partial(bind_to_nearest, case, case.true_shape)
+    if case.truth:
+        fits[TRUE] = partial(_truth, case)
+    for way, fit in fits.items():
+        if way in ways:
+            begin = process_time()
             found[way] = fit()
-            seconds = (perf_counter() - begin) / len(case.things)
+            seconds = (process_time() - begin) / len(case.things)
             records += (about | {"way": way, "s": seconds} | row for row in measure.rows(found[way]))
-        if pictures is not None:
-            _picture(pictures / f"{case.name.replace(' ', '_')}.png", case, shape, found)
-    return {"rows": _rows(records), NOT_SHOWN: records}
+    if pictures is not None:
+        _picture(pictures / f"{case.name.replace(' ', '_')}.png", case, shape, found)
+    return records
 
 
 def _strict_keys(folder: Path) -> frozenset[str]:
@@ -105,7 +126,8 @@ class _Measure:
         self._case, self._strict_keys = case, strict_keys
         self._expected = _at_rest(case)
         self._layers = {name: Layers(thing, case.source, case.centimetre) for name, thing in case.things.items()}
-        self._expected_in_poses = [] if case.body is None else _in_poses(case, case.body)
+        self._poses = {} if case.body is None else {"posed": case.body.poses, "extreme": case.body.extremes}
+        self._posed = {name: [_in_pose(case, pose) for pose in poses] for name, poses in self._poses.items()}
         keys = {} if case.body is None else case.body.keys
         self._skin = Skin(case.target)
         self._keyed = {
@@ -124,12 +146,13 @@ class _Measure:
             if case.body is not None:
                 garment = case.garments[name]
                 weights = fitted.weights[number] if fitted.weights else garment.weights
-                in_poses = [
-                    expected[name].figures(case.body.in_pose(pose, found, weights))
-                    for pose, expected in enumerate(self._expected_in_poses)
-                ]
-                for figure in ("in skin", "all in skin", "was in", "stretched", "torn"):
-                    record[f"posed {figure}"] = max(figures[figure] for figures in in_poses)
+                for kind, poses in self._poses.items():
+                    figures = [
+                        posed[name].in_pose(move(found, weights, pose))
+                        for pose, posed in zip(poses, self._posed[kind], strict=True)
+                    ]
+                    for figure in figures[0] if figures else ():
+                        record[f"{kind} {figure}"] = max(each[figure] for each in figures)
             if fitted.keys:
                 record |= key_figures(fitted.keys[number], case.garments[name].keys, self._strict_keys)
                 record["keyed in skin"] = self._in_keyed_skin(case.things[name], found, fitted.keys[number])
@@ -158,19 +181,15 @@ def _at_rest(case: Case) -> dict[str, Expected]:
     return {name: Expected(thing, skins, case.centimetre, case.truth.get(name)) for name, thing in case.things.items()}
 
 
-def _in_poses(case: Case, body: Body) -> list[dict[str, Expected]]:
-    """For each pose the things by name, expected like the author's refit in the same pose."""
-    expected = []
-    for pose in range(len(body.poses)):
-        skin = Skin(case.target.with_vertices(body.in_pose(pose, case.target.vertices, body.weights)))
-        places = {name: body.in_pose(pose, each.refitted, each.weights) for name, each in case.garments.items()}
-        expected.append(
-            {
-                name: Expected(case.things[name].with_vertices(points), (skin, skin), case.centimetre)
-                for name, points in places.items()
-            }
-        )
-    return expected
+def _in_pose(case: Case, pose: Floats) -> dict[str, Expected]:
+    """The things by name, expected like the author's refit in the same pose, by transforms (b, 3, 4) of the bones."""
+    assert case.body is not None
+    skin = Skin(case.target.with_vertices(move(case.target.vertices, case.body.weights, pose)))
+    places = {name: move(each.refitted, each.weights, pose) for name, each in case.garments.items()}
+    return {
+        name: Expected(case.things[name].with_vertices(points), (skin, skin), case.centimetre)
+        for name, points in places.items()
+    }
 
 
 def key_figures(found: dict[str, Floats], true: dict[str, Floats], strict: frozenset[str]) -> dict[str, float]:
@@ -250,26 +269,39 @@ class Expected:
         edge lengths. `stretched`: percentage of edges that grow by more than twice the body's growth. `torn`: faces
         with an edge that grows by far more. `folds`: edges at which faces fold over.
         """
-        thing, truth, growth = self._thing, self._truth, self._growth
+        thing, truth = self._thing, self._truth
         off, near = self._distances(found), (self._was > 0) & (self._was < NEAR)
-        before, after = (
-            np.linalg.norm(np.diff(points[self._edges], axis=1)[:, 0], axis=1) for points in (thing.vertices, found)
-        )
-        stretch = np.maximum(after, 1e-12) / np.maximum(before, 1e-12)
-        torn = (stretch > TORN * growth) & (after > LONG * self._centimetre * growth)
+        stretch, _ = self._stretch(found)
         return {
             "error": np.nan
             if truth is None
             else float(np.linalg.norm(found - truth, axis=1).mean() / self._centimetre),
+            **self.in_pose(found),
+            "thickness": float(np.median(np.abs(off - self._was)[near])) if near.any() else np.nan,
+            "spread": float(np.log(stretch).std()),
+            "folds": float((_folds(thing, found) & ~_folds(thing, thing.vertices)).sum()),
+        }
+
+    def in_pose(self, found: Floats) -> dict[str, float]:
+        """Those of the figures that a pose may change."""
+        off = self._distances(found)
+        stretch, length = self._stretch(found)
+        torn = (stretch > TORN * self._growth) & (length > LONG * self._centimetre * self._growth)
+        return {
             "in skin": 100 * float(((off < -DEEP) & (self._off >= -DEEP)).mean()),
             "was in": 100 * float((self._off < -DEEP).mean()),
             "all in skin": 100 * float((off < -DEEP).mean()),
-            "thickness": float(np.median(np.abs(off - self._was)[near])) if near.any() else np.nan,
-            "spread": float(np.log(stretch).std()),
-            "stretched": 100 * float((stretch > STRETCHED * growth).mean()),
+            "stretched": 100 * float((stretch > STRETCHED * self._growth).mean()),
             "torn": float(torn[self._edge_of].any(axis=1).sum()),
-            "folds": float((_folds(thing, found) & ~_folds(thing, thing.vertices)).sum()),
         }
+
+    def _stretch(self, found: Floats) -> tuple[Floats, Floats]:
+        """(e,) how many times as long as before the edges are, and (e,) their lengths."""
+        before, after = (
+            np.linalg.norm(np.diff(points[self._edges], axis=1)[:, 0], axis=1)
+            for points in (self._thing.vertices, found)
+        )
+        return np.maximum(after, 1e-12) / np.maximum(before, 1e-12), after
 
     def _distances(self, points: Floats) -> Floats:
         """(p,) distances of places from the second skin, in centimetres at the size of the first one."""

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +21,22 @@ WOMAN, MAN = MADE_FOR = "woman", "man"
 OF_MAN = "male_"
 # The bones of upper arms, and those that the arms end at.
 ARMS = ("upperarm01.L", "wrist.L"), ("upperarm01.R", "wrist.R")
+# Extremes that limbs reach: degrees by which bones turn about the axes of the world at rest (x to the left of the body,
+# y up, z to the front). Bones with a side turn on both sides in mirror image, unless both sides are given.
+EXTREMES: dict[str, dict[str, tuple[float, float, float]]] = {
+    "arms up": {"clavicle.L": (0, 0, 20), "upperarm01.L": (0, 0, 80)},
+    "arms forward": {"upperarm01.L": (0, -80, 0)},
+    "elbows": {"lowerarm01.L": (-100, 0, 0)},
+    "knee up": {
+        "upperleg01.L": (-80, 0, 0),
+        "upperleg01.R": (0, 0, 0),
+        "lowerleg01.L": (80, 0, 0),
+        "lowerleg01.R": (0, 0, 0),
+    },
+    "legs apart": {"upperleg01.L": (0, 0, 40)},
+    "sitting": {"upperleg01.L": (-90, 0, 0), "lowerleg01.L": (90, 0, 0)},
+    "bent over": {f"spine0{number}": (15, 0, 0) for number in range(1, 6)},
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,8 +64,9 @@ class Body:
         surface: the skin, in centimetres.
         weights: (n, b) weights of its bones.
         keys: (n, 3) offsets of its keys, by name.
-        poses: for each pose (b, 3, 4) transforms of its bones.
+        poses: for each pose of the set (b, 3, 4) transforms of its bones.
         bones: the bones at rest.
+        extremes: transforms as in poses for each of `EXTREMES` whose bones it has.
     """
 
     surface: Surface
@@ -57,6 +74,7 @@ class Body:
     keys: dict[str, Floats]
     poses: list[Floats]
     bones: Bones
+    extremes: list[Floats] = field(default_factory=list)
 
     def in_pose(self, number: int, points: Floats, weights: Floats) -> Floats:
         """(n, 3) points with weights (n, b), in a pose, by linear blend skinning."""
@@ -120,7 +138,8 @@ class Wardrobe:
         names = data["bone_names"].tolist()
         parents = np.array([names.index(name) if name else -1 for name in data["bone_parents"].tolist()])
         bones = Bones(tuple(names), parents, heads, data["tails"][number].astype(np.float64))
-        return Body(surface, weights, keys, [self.pose(each, heads) for each in range(len(data["poses"]))], bones)
+        poses = [self.pose(each, heads) for each in range(len(data["poses"]))]
+        return Body(surface, weights, keys, poses, bones, list(_extremes(bones)))
 
     def t_pose(self, body: Body) -> Floats | None:
         """(b, 3, 4) transforms of a body's bones that raise its arms to the sides; None without arms."""
@@ -177,6 +196,18 @@ class Wardrobe:
             return found[name]
 
         return np.array([transform(name) for name in names])
+
+
+def _extremes(bones: Bones) -> Iterator[Floats]:
+    """(b, 3, 4) transforms of bones for each of `EXTREMES` whose bones there are."""
+    for turned in EXTREMES.values():
+        turns = np.zeros((len(bones.names), 3))
+        mirrored = {f"{name[:-1]}R": (x, -y, -z) for name, (x, y, z) in turned.items() if name.endswith(".L")}
+        every = {**mirrored, **turned}
+        if set(every) <= set(bones.names):
+            for name, turn in every.items():
+                turns[bones.names.index(name)] = np.radians(turn)
+            yield pose_of_turns(turns, bones.heads, bones.parents)
 
 
 def move(points: Floats, weights: Floats, transforms: Floats) -> Floats:

@@ -19,7 +19,12 @@ from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.geometry.procrustes import procrustes
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import unit_vectors
-from zoomout_core.transfer import WeightedBody, carry, follow_weights
+from zoomout_core.transfer import PosedBody, WeightedBody, carry, clear_in_poses, follow_weights
+from zoomout_core.transfer.rigging.poses import gentle_poses
+from zoomout_core.transfer.rigging.skinning import normalise
+
+# The axis that points up.
+UP = 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,9 +51,20 @@ Way = Callable[[Case, Floats], Fitted]
 def dress(case: Case, shape: Floats, stiffness: float = 0.5) -> Fitted:
     """Ours."""
     things = list(case.things.values())
-    vertices = list(carry(case.source, shape, case.target, things, stiffness=stiffness).vertices)
+    dressed = carry(case.source, shape, case.target, things, stiffness=stiffness)
     if case.body is None:
-        return Fitted(vertices)
+        return Fitted(list(dressed.vertices))
+    assert case.weights is not None
+    before, after = (
+        WeightedBody(surface, normalise(csr_array(weights)))
+        for surface, weights in ((case.source, case.weights), (case.target, case.body.weights))
+    )
+    given = [csr_array(garment.weights) for garment in case.garments.values()]
+    weights = follow_weights(before, after, things, dressed.vertices, given)
+    poses = gentle_poses(case.body.bones.heads, case.body.bones.parents, UP)
+    vertices = list(
+        clear_in_poses(dressed, PosedBody(after.weights, poses), [normalise(each) for each in weights]).vertices
+    )
     names, offsets = list(case.body.keys), np.stack(list(case.body.keys.values()), axis=1)
     worn = [thing.with_vertices(points) for thing, points in zip(things, vertices, strict=True)]
     followed = zo.follow_keys(case.target, offsets, worn)
@@ -57,14 +73,7 @@ def dress(case: Case, shape: Floats, stiffness: float = 0.5) -> Fitted:
         zo.move_joints(thing, points, garment.joints).positions
         for thing, points, garment in zip(things, vertices, case.garments.values(), strict=True)
     ]
-    assert case.weights is not None
-    before, after = (
-        WeightedBody(surface, csr_array(weights))
-        for surface, weights in ((case.source, case.weights), (case.target, case.body.weights))
-    )
-    given = [csr_array(garment.weights) for garment in case.garments.values()]
-    weights = [each.toarray() for each in follow_weights(before, after, things, vertices, given)]
-    return Fitted(vertices, keys, joints, weights)
+    return Fitted(vertices, keys, joints, [each.toarray() for each in weights])
 
 
 def bind_to_nearest(case: Case, shape: Floats) -> Fitted:

@@ -133,7 +133,16 @@ def test_garments_are_measured_in_poses_with_keys_and_bones(wardrobe: Path) -> N
     assert naive["bones"] < 1
 
 
-def test_arms_are_raised_to_the_sides(wardrobe: Path) -> None:
+def test_done_cases_of_the_same_code_are_not_computed_again(wardrobe: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    done = wardrobe / "records.jsonl"
+    first = outfits.run(wardrobe, None, kinds=[STRICT], ways=["dress"], records=done)
+    assert {(row["kind"], row["way"]) for row in first[NOT_SHOWN]} == {(STRICT, "dress")}
+    monkeypatch.setattr(outfits.zo, "match", lambda *_: pytest.fail("a case was computed again"))
+    assert outfits.run(wardrobe, None, kinds=[STRICT], ways=["dress"], records=done) == first
+
+
+def arms_of(wardrobe: Path) -> None:
+    """Give the set the bones of two arms only."""
     place = wardrobe / "clothes" / "bodies.npz"
     with np.load(place) as file:
         arrays = dict(file)
@@ -142,8 +151,24 @@ def test_arms_are_raised_to_the_sides(wardrobe: Path) -> None:
     arrays |= {"bone_names": names, "bone_parents": np.array(["", names[0], "", names[2]])}
     arrays |= {"heads": np.tile(heads, (4, 1, 1)), "poses": np.tile(np.eye(3), (1, 4, 1, 1))}
     np.savez(place, **arrays)
+
+
+def test_limbs_reach_extremes(wardrobe: Path) -> None:
+    assert Wardrobe(wardrobe / "clothes").body("thin").extremes == []
+    arms_of(wardrobe)
+    body = Wardrobe(wardrobe / "clothes").body("thin")
+    (forward,) = body.extremes  # the other ones turn bones that it lacks
+    wrists = np.einsum("bxy,by->bx", forward[..., :3], body.bones.heads)[[1, 3]]
+    angle = np.radians(80)
+    np.testing.assert_allclose(
+        wrists, [[np.cos(angle), -1, np.sin(angle)], [-np.cos(angle), -1, np.sin(angle)]], atol=1e-9
+    )
+
+
+def test_arms_are_raised_to_the_sides(wardrobe: Path) -> None:
+    arms_of(wardrobe)
     found = Wardrobe(wardrobe / "clothes")
-    body = found.body("thin")
+    body, heads = found.body("thin"), found.body("thin").bones.heads
     transforms = found.t_pose(body)
     assert transforms is not None
     raised = np.einsum("bxy,by->bx", transforms[..., :3], heads) + transforms[..., 3]

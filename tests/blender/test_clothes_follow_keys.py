@@ -131,6 +131,23 @@ def test_keys_are_optional_and_replaced_with_the_copy():
     assert snapshot(target) == before
 
 
+@pytest.mark.parametrize("has_it", [True, False])
+def test_keys_that_hide_skin_below_clothes_are_proposed(has_it):
+    body, armature = source_and_rig()
+    cloth = sleeve(armature)
+    target, at_rest = pose_target(body, armature, {})
+    add_key(body, "Thin below", widening(body, -0.2), value=1.0)
+    add_key(body, "Thin, not in use", widening(body, -0.2))
+    add_key(body, "Wide", widening(body, 0.01), value=1.0)
+    if has_it:
+        add_key(target, "Thin below", widening(target, -0.2))
+    keep_true_match(target, at_rest)
+    (note,) = [note for note in api.dress(bpy.context, body, target, [cloth])["notes"] if "hide skin" in note]
+    assert "objects: Thin below. " in note
+    assert ("has them, too" in note) == has_it
+    assert ("Transfer them" in note) != has_it
+
+
 def test_a_deformed_target_gets_a_note():
     body, armature = source_and_rig()
     cloth = sleeve(armature)

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A target with an armature of its own is dressed: the outfit is bound to it, and brings its own bones along."""
 
+from dataclasses import replace
+
 import bpy
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ from test_dress_objects import ring, side, sleeve
 import zoomout_core as zo
 from blender_addon import api
 from blender_addon.mesh_data import outfit_bones, read_weights
+from blender_addon.services.dressing import worn_weights
 
 OTHER_NAMES = ("mixamorig:lower", "Bone.001", "Upper")
 
@@ -97,6 +100,44 @@ def test_the_weights_follow_those_of_the_target():
     assert np.abs(weights - wanted).mean() < 0.2 * np.abs(before - wanted).mean()
     assert np.flatnonzero(groups["Pinned"]).tolist() == [0, 1, 2]
     np.testing.assert_allclose(weights.sum(axis=1), 1, atol=1e-5)
+
+
+def test_copies_are_displaced_for_poses_of_the_target(monkeypatch):
+    """By the weights that they get, and with their own bones, which move with those above them."""
+    body, armature = source_and_rig()
+    cloth, tail = sleeve(armature), tail_and_chain(armature)
+    target, _ = own_target(body, armature, joints=0.5)
+    given = []
+
+    def displace(dressed, *rest):
+        given.extend(rest)
+        return replace(dressed, vertices=tuple(points + np.array([0, 0, 0.25]) for points in dressed.vertices))
+
+    monkeypatch.setattr(worn_weights, "clear_in_poses", displace)
+    report = api.dress(bpy.context, body, target, [cloth, tail])
+    copies = [bpy.data.objects[report["objects"][name]] for name in ("Sleeve", "Tail")]
+    (weights, poses), of_copies = given
+    np.testing.assert_allclose(weights.toarray()[:, :3], raised_weights(positions(target.data), 0.5), atol=1e-5)
+    names = [*OTHER_NAMES, "Tail.0", "Tail.1"]
+    for copy, found in zip(copies, of_copies, strict=True):
+        groups = read_weights(copy, copy.data)
+        np.testing.assert_allclose(
+            found.toarray()[:, [names.index(each) for each in groups.labels]], groups.values.toarray(), atol=1e-5
+        )
+    assert poses.shape[1:] == (5, 3, 4)
+    np.testing.assert_array_equal(poses[:, 3:], poses[:, [1, 1]])
+    assert np.abs(poses - np.eye(3, 4)).max() > 0.1
+    above = visible_positions(copies[0])[:, 2].mean() - visible_positions(cloth)[:, 2].mean()
+    assert above == pytest.approx(0.25, abs=0.1)
+
+
+def test_copies_on_a_target_without_weights_are_not_displaced(monkeypatch):
+    body, armature = source_and_rig()
+    cloth = sleeve(armature)
+    target, _ = own_target(body, armature)
+    target.vertex_groups.clear()
+    monkeypatch.setattr(worn_weights, "clear_in_poses", lambda *_: pytest.fail("they were displaced"))
+    assert api.dress(bpy.context, body, target, [cloth])["objects"]
 
 
 def raised_weights(points, height):

@@ -18,17 +18,16 @@ from zoomout_core.mesh.triangles import edge_lengths, unique_edges
 from zoomout_core.messages import message
 from zoomout_core.outfits.dress_avatar import DressedAvatar
 from zoomout_core.transfer.dressing.contact import SidedSurface
-from zoomout_core.transfer.rigging.poses import parents_first, pose_of_turns
+from zoomout_core.transfer.rigging.poses import extend_poses, find_limbs, pose_of_turns
 from zoomout_core.transfer.rigging.skinning import blend_matrices, transform_points
 
 # The poses, and the axes that limbs turn about in them; y is up. In one, limbs swing to the front and back, in the
 # other one to the sides.
 REST, SWING, SPREAD = "rest", "swing", "spread"
 AXES: Mapping[str, tuple[float, float, float]] = {SWING: (1, 0, 0), SPREAD: (0, 0, 1)}
+UP = 1
 # Degrees by which each limb turns.
 ANGLE = 30.0
-# A limb begins at a joint this far from the middle, and its chain reaches this much farther: shares of the height.
-ASIDE, LONG = 0.02, 0.15
 # Cloth is in the skin if it is deeper than this share of the height: a millimetre for an adult.
 DEEP = 6e-4
 # An edge is stretched if it is this many times as long as before, relative to the growth of the body.
@@ -137,20 +136,8 @@ def _depths(body: Surface, skin: Floats, cloth: Surface, points: Floats) -> Floa
 
 def _pose(name: str, parents: Integers, heads: Floats) -> Floats:
     """(b, 3, 4) transforms of joints with heads (b, 3) to a pose: each limb turns where it begins."""
-    middle, height = float(np.median(heads[:, 0])), float(np.ptp(heads[:, 1]))
-    side = np.where(np.abs(heads[:, 0] - middle) > ASIDE * height, np.sign(heads[:, 0] - middle), 0)
-    reach = np.zeros(len(heads))
-    for joint in reversed(parents_first(parents)):
-        above = parents[joint]
-        if above >= 0:
-            reach[above] = max(reach[above], reach[joint] + np.linalg.norm(heads[joint] - heads[above]))
-    turns, in_limb = np.zeros((len(heads), 3)), np.zeros(len(heads), dtype=bool)
-    for joint in parents_first(parents):
-        above = parents[joint]
-        in_limb[joint] = above >= 0 and in_limb[above]
-        if not in_limb[joint] and side[joint] and reach[joint] > LONG * height:
-            in_limb[joint] = True
-            turns[joint] = np.radians(ANGLE) * side[joint] * np.array(AXES[name])
+    limbs = find_limbs(heads, parents, UP)
+    turns = np.radians(ANGLE) * (limbs.root * limbs.side)[:, None] * np.array(AXES[name])
     return pose_of_turns(turns, heads, parents)
 
 
@@ -158,9 +145,5 @@ def _move(rigged: RiggedSurface, transforms: Floats) -> Floats:
     """(n, 3) vertices moved by transforms (b, 3, 4) of the first joints, which the others follow."""
     assert rigged.parents is not None
     assert rigged.weights is not None
-    every = np.zeros((len(rigged.parents), 3, 4))
-    every[: len(transforms)] = transforms
-    for joint in parents_first(rigged.parents):
-        if joint >= len(transforms):
-            every[joint] = every[rigged.parents[joint]]
+    (every,) = extend_poses(transforms[None], rigged.parents)
     return transform_points(blend_matrices(every, rigged.weights), rigged.surface.vertices)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from zoomout_core.arrays import Floats
 from zoomout_core.assets.asset import NORMALS, SHAPE_KEYS, Asset
@@ -16,14 +17,19 @@ from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import unit_vectors
 from zoomout_core.messages import warning
 from zoomout_core.outfits.parts import mask_of
-from zoomout_core.outfits.skeleton import Fit, bind_clothes
+from zoomout_core.outfits.skeleton import Fit, bind_clothes, move_skinned
 from zoomout_core.runtime.progress import portion
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 from zoomout_core.transfer.dressing.body_keys import follow_keys
-from zoomout_core.transfer.dressing.dress import Dressed, carry
+from zoomout_core.transfer.dressing.dress import Dressed, carry, clear_in_poses
+from zoomout_core.transfer.dressing.posed_contact import PosedBody
+from zoomout_core.transfer.rigging.poses import extend_poses, gentle_poses
+from zoomout_core.transfer.rigging.skinning import normalise, renumber_bones
 
-# Fractions of the progress at the end of the fit, and of the keys.
-FITTED, KEYED = 0.4, 0.95
+# Fractions of the progress at the end of the fit, and of its change for poses; then objects follow keys.
+FITTED, CLEARED = 0.3, 0.5
+# The axis that points up.
+UP = 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,15 +76,17 @@ def dress_avatar(
     unknown = [pattern for pattern in keep if not mask_of(worn, [pattern]).any()]
     with portion(0, FITTED):
         dressed = carry(source.surface, shape, target.surface, objects, keep=masks, stiffness=stiffness, gap=gap)
-    clothes = _place(worn, dressed)
-    with portion(FITTED, KEYED):
+    bound = bind_clothes(_place(worn, dressed), Fit(source, shape, objects, dressed.vertices, masks), target)
+    with portion(FITTED, CLEARED):
+        dressed = _clear_in_poses(dressed, bound.clothes, target)
+    clothes = move_skinned(_place(worn, dressed), bound.clothes.skin)
+    with portion(CLEARED, 1):
         clothes = _add_body_keys(clothes, target, objects, dressed, masks)
-    bound = bind_clothes(clothes, Fit(source, shape, objects, dressed.vertices, masks), target)
     notes = [
         warning("No mesh or material of the outfit is called like '{pattern}': nothing there was kept.", pattern=each)
         for each in unknown
     ]
-    return DressedAvatar(bound.clothes, bound.joints, bound.partners, (*notes, *dressed.notes, *bound.notes))
+    return DressedAvatar(clothes, bound.joints, bound.partners, (*notes, *dressed.notes, *bound.notes))
 
 
 def _turn(asset: Asset, turns: Floats) -> Asset:
@@ -113,6 +121,20 @@ def _place(worn: Asset, dressed: Dressed) -> Asset:
     """The worn object, where it was fitted."""
     moved = replace(worn, surface=worn.surface.with_vertices(np.concatenate(dressed.vertices)))
     return _turn(moved, np.concatenate(dressed.turns))
+
+
+def _clear_in_poses(dressed: Dressed, clothes: Asset, target: Asset) -> Dressed:
+    """Objects that also stay outside of a body in poses of its joints, given their skin; without one, as they are."""
+    if clothes.skin is None or target.skin is None or target.document is None:
+        return dressed
+    heads = target.document.worlds()[0][target.skin.nodes, :3, 3]
+    poses = extend_poses(gentle_poses(heads, target.skin.parents, UP), clothes.skin.parents)
+    count = len(target.skin.names)
+    of_body = renumber_bones(target.skin.weights, np.arange(count), len(clothes.skin.names))
+    ends = np.cumsum([0, *(len(vertices) for vertices in dressed.vertices)])
+    weights = [normalise(csr_array(clothes.skin.weights[start:stop])) for start, stop in pairwise(ends)]
+    body = PosedBody(normalise(of_body), poses)
+    return clear_in_poses(dressed, body, weights)
 
 
 def _add_body_keys(

@@ -101,6 +101,14 @@ def bind_clothes(clothes: Asset, fit: Fit, target: Asset) -> BoundClothes:
     return BoundClothes(replace(clothes, skin=skin), joints, nodes, tuple(notes))
 
 
+def move_skinned(clothes: Asset, skin: Skin | None) -> Asset:
+    """Clothes with a skin that was made for other positions of their vertices."""
+    if skin is None:
+        return replace(clothes, skin=None)
+    rest, linear = to_rest(clothes.surface.vertices, skin.weights, skin.transforms)
+    return replace(clothes, skin=replace(skin, rest=rest, linear=linear))
+
+
 def _skin_of_body(surface: Surface, body: Surface, skin: Skin) -> Skin:
     """A skin for a surface without one: the weights of the nearest places of the body."""
     triangle, barycentric = closest_points(surface.vertices, body.vertices, body.triangles)
@@ -126,10 +134,7 @@ def _pair_joints(clothes: Asset, own: Booleans, fit: Fit, target: Asset) -> dict
     sides = [(clothes, ~own, heads), (target, _moving(target.skin), _heads(target))]  # type: ignore[arg-type]
     chosen = [np.flatnonzero(kept) for _, kept, _ in sides]
     bones, others = (_skeleton(asset, joints, places) for (asset, _, places), joints in zip(sides, chosen, strict=True))
-    humanoid = [{} if avatar is None else avatar.bones for avatar in (read_avatar(a.document) for a, _, _ in sides)]
-    known = {name: humanoid[1][bone] for bone, name in humanoid[0].items() if bone in humanoid[1]}
-    known = {a: b for a, b in known.items() if a in bones.names and b in others.names}
-    pairs = pair_bones(bones, others, size, known)
+    pairs = pair_bones(bones, others, size)
     number, other = (
         dict(zip(skeleton.names, joints.tolist(), strict=True))
         for skeleton, joints in zip((bones, others), chosen, strict=True)
@@ -142,7 +147,9 @@ def _skeleton(asset: Asset, joints: Integers, heads: Floats) -> Skeleton:
     assert asset.skin is not None
     number = {joint: new for new, joint in enumerate(joints.tolist())}
     parents = np.array([number.get(above, -1) for above in asset.skin.parents[joints].tolist()], dtype=np.int64)
-    return Skeleton([asset.skin.names[joint] for joint in joints], parents, heads[joints])
+    avatar = read_avatar(asset.document)
+    names = [asset.skin.names[joint] for joint in joints]
+    return Skeleton(names, parents, heads[joints], None if avatar is None else avatar.humanoid)
 
 
 def _heads(asset: Asset) -> Floats:

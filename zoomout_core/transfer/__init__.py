@@ -5,8 +5,9 @@ from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 from zoomout_core.transfer.blend import MODES, Blend, Mode, blend
 from zoomout_core.transfer.dressing.body_keys import follow_keys
 from zoomout_core.transfer.dressing.body_weights import WeightedBody, follow_weights
-from zoomout_core.transfer.dressing.dress import Dressed, Manner, carry, dress, shape_of_source
+from zoomout_core.transfer.dressing.dress import Dressed, Manner, carry, clear_in_poses, dress, shape_of_source
 from zoomout_core.transfer.dressing.form import Lines
+from zoomout_core.transfer.dressing.posed_contact import PosedBody
 from zoomout_core.transfer.rigging.bone_pairs import Skeleton, pair_bones
 from zoomout_core.transfer.rigging.joints import MovedJoints, move_joints
 from zoomout_core.transfer.rigging.rig import move_rig
@@ -25,12 +26,14 @@ __all__ = [
     "Manner",
     "Mode",
     "MovedJoints",
+    "PosedBody",
     "Rule",
     "Skeleton",
     "WeightedBody",
     "Wrapped",
     "blend",
     "carry",
+    "clear_in_poses",
     "conform",
     "dress",
     "follow_keys",

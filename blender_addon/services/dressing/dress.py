@@ -23,7 +23,7 @@ from ...storage import stored_match
 from ..constraints import check_options
 from ..matching.made_match import CALL_WITH_FORCE, find_match, store_and_stop
 from ..targets import Write
-from .fit import fit_worn, notes_on_stretch
+from .fit import fit_worn, notes_on_hidden_skin, notes_on_stretch
 from .read import READING, Dressing, check_unchanged, read_fitting, read_worn_object
 from .write import write_copies
 
@@ -108,6 +108,9 @@ async def prepare_dress(
         with mesh_data.all_or_nothing(find_mesh(context, target_name)) as writing:
             found.store(find_mesh(context, target_name).data, pair)
             made, notes = write_copies(context, pair, fitting, fit, writing)
+        own = find_mesh(context, target_name).data.shape_keys
+        known = () if own is None else own.key_blocks.keys()
+        notes += notes_on_hidden_skin(fit.hiding, source_name, target_name, known)
         return {
             "source": source_name,
             "target": target_name,

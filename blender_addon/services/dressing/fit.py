@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -11,14 +11,15 @@ import numpy as np
 import zoomout_core as zo
 from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.geometry.procrustes import procrustes
-from zoomout_core.messages import Message, warning
+from zoomout_core.messages import Message, enumeration, message, warning
 from zoomout_core.runtime.progress import portion
 from zoomout_core.transfer import Dressed, Manner, Skeleton, carry, pair_bones, shape_of_source
+from zoomout_core.transfer.dressing.hidden_skin import keys_that_hide_skin
 
 from ...mesh_data import BodyKeys, OutfitBones, Worn
 from ...storage import stored_match
 from .read import Dressing, Fitting, Rigs
-from .worn_weights import Change, GroupWeights, follow_groups
+from .worn_weights import Change, GroupWeights, clear_copies, follow_groups
 
 # Fractions of the progress for giving the source the target's shape, and for fitting, before objects follow keys.
 SHAPING, FITTED = 0.8, 0.9
@@ -35,6 +36,7 @@ class Fit:
         outfit: the outfit's own bones in their new places, if they are to be copied.
         pairs: names of the target's bones by those of the source's.
         weights: how the weights of each copy change; None where they stay.
+        hiding: names of the source's active shape keys that hide skin below the objects.
     """
 
     dressed: Dressed
@@ -43,6 +45,7 @@ class Fit:
     outfit: OutfitBones | None = None
     pairs: dict[str, str] = field(default_factory=dict)
     weights: list[Change | None] = field(default_factory=list)
+    hiding: tuple[str, ...] = ()
 
 
 def fit_worn(match: stored_match.Match, fitting: Fitting, dressing: Dressing) -> Fit:
@@ -66,12 +69,17 @@ def fit_worn(match: stored_match.Match, fitting: Fitting, dressing: Dressing) ->
         )
     motion, moved = procrustes(body.vertices, shape), np.eye(4)
     moved[:3, :3], moved[:3, 3] = motion.linear, motion.translation
-    fit = Fit(dressed, moved, [])
+    fit = Fit(dressed, moved, [], hiding=tuple(dict.fromkeys(_hiding_keys(fitting))))
     if fitting.rigs is not None and fitting.weights is not None:
         fit = _move_bones(fit, fitting, fitting.rigs, body, shape)
         fit = _follow_weights(fit, fitting, fitting.rigs, fitting.weights, body)
+        dressed = clear_copies(
+            fit.dressed, fit.weights, fitting.weights, fitting.rigs.others, fitting.rigs.outfit, fit.pairs
+        )
+        fit = replace(fit, dressed=dressed)
     if fitting.keys is None:
         return fit
+    dressed = fit.dressed
     with portion(FITTED, 1):
         keys = _follow_keys(fitting, fitting.keys, dressed)
     if not fitting.worn[0].at_rest:  # then the target's keys have their present values
@@ -128,6 +136,41 @@ def _follow_keys(fitting: Fitting, keys: BodyKeys, dressed: Dressed) -> list[Flo
 def _in_shape(shape: zo.Surface | zo.Lines, vertices: Floats) -> zo.Surface | zo.Lines:
     """The same object with other vertices (n, 3)."""
     return zo.Lines(vertices, shape.edges) if isinstance(shape, zo.Lines) else shape.with_vertices(vertices)
+
+
+def _hiding_keys(fitting: Fitting) -> Iterator[str]:
+    """Names of active shape keys of the source that hide skin below the worn objects."""
+    shapes = [each.shape for each in fitting.worn]
+    for keys in fitting.active_keys:
+        is_hiding = keys_that_hide_skin(keys.surface, keys.offsets, shapes)
+        yield from (name for name, hides in zip(keys.names, is_hiding, strict=True) if hides)
+
+
+def notes_on_hidden_skin(hiding: Collection[str], source: str, target: str, own: Collection[str]) -> list[Message]:
+    """Sentences on shape keys of a source that hide skin below the objects, given the names of the target's keys."""
+    there, missing = [name for name in hiding if name in own], [name for name in hiding if name not in own]
+    notes = []
+    if there:
+        notes.append(
+            message(
+                "Shape keys of '{source}' hide skin below these objects: {keys}. '{target}' has them, too; use them if "
+                "its skin comes through.",
+                source=source,
+                target=target,
+                keys=enumeration(there),
+            )
+        )
+    if missing:
+        notes.append(
+            message(
+                "Shape keys of '{source}' hide skin below these objects: {keys}. Transfer them to '{target}', and use "
+                "them if its skin comes through.",
+                source=source,
+                target=target,
+                keys=enumeration(missing),
+            )
+        )
+    return notes
 
 
 def _part(surface: zo.Surface, shape: Floats, kept: Booleans) -> tuple[zo.Surface, Floats]:

@@ -10,7 +10,7 @@ import numpy as np
 from bpy.types import Context, Object
 
 import zoomout_core as zo
-from zoomout_core.arrays import Booleans
+from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.messages import Message, warning
 from zoomout_core.runtime.progress import stage
 from zoomout_core.transfer import Manner
@@ -65,6 +65,21 @@ class Rigs:
 
 
 @dataclass(frozen=True, eq=False)
+class ActiveKeys:
+    """The shape keys of a body that are in use.
+
+    Attributes:
+        surface: the body without shape keys, at rest, in world space.
+        names: their names.
+        offsets: (n, keys, 3) what they add at their present values.
+    """
+
+    surface: zo.Surface
+    names: tuple[str, ...]
+    offsets: Floats
+
+
+@dataclass(frozen=True, eq=False)
 class Fitting:
     """The bodies and the worn objects to transfer.
 
@@ -76,6 +91,7 @@ class Fitting:
         keys: the shape keys of the target that the copies follow; None for none.
         rigs: the armatures of both, if they differ and the copies are to be bound to the target's.
         weights: the vertex groups of both and of the worn objects, if the copies are to be bound to it.
+        active_keys: the shape keys of the source's bodies that are in use.
         notes: sentences for the user.
     """
 
@@ -86,6 +102,7 @@ class Fitting:
     keys: BodyKeys | None
     rigs: Rigs | None
     weights: GroupWeights | None
+    active_keys: list[ActiveKeys]
     notes: list[Message]
 
 
@@ -143,7 +160,21 @@ async def read_fitting(
     weights = None if rigs is None else read_group_weights(context, pair, worn)
     worn_too = [name in chosen for name in pair.source_names]
     is_body = np.repeat(~np.array(worn_too), [len(each.vertices) for each in pair.sources])
-    return Fitting(surface, onto, is_body, worn, keys, rigs, weights, notes)
+    bodies = [find_mesh(context, name) for name in pair.source_names if name not in chosen]
+    active = [found for body in bodies if (found := _read_active_keys(body)) is not None]
+    return Fitting(surface, onto, is_body, worn, keys, rigs, weights, active, notes)
+
+
+def _read_active_keys(body: Object) -> ActiveKeys | None:
+    """The shape keys of a body that are in use; None without any."""
+    keys = mesh_data.read_body_keys(body)
+    if keys is None or not keys.values.any():
+        return None
+    surface = mesh_data.read_surface_at_rest(body, positions=mesh_data.read_rest_positions(body.data))
+    surface = surface.with_vertices(mesh_data.positions_in_world(body, surface.vertices))
+    active = np.flatnonzero(keys.values)
+    names = tuple(keys.keys[number].name for number in active)
+    return ActiveKeys(surface, names, keys.offsets[:, active] * keys.values[active, None])
 
 
 def _notes_on_armature(source: Object, target: Object, at_rest: bool) -> list[Message]:

@@ -13,12 +13,16 @@ from scipy.sparse import csr_array
 
 import zoomout_core as zo
 from zoomout_core.arrays import Booleans, Floats
-from zoomout_core.transfer import Attribute, WeightedBody, follow_weights
-from zoomout_core.transfer.rigging.skinning import renumber_bones
+from zoomout_core.transfer import Attribute, Dressed, PosedBody, WeightedBody, clear_in_poses, follow_weights
+from zoomout_core.transfer.rigging.poses import extend_poses, gentle_poses
+from zoomout_core.transfer.rigging.skinning import normalise, renumber_bones
 
 from ... import mesh_data
-from ...mesh_data import ObjectPair, Worn
+from ...mesh_data import Bones, ObjectPair, OutfitBones, Worn
 from ...scene.pair import evaluated_sources, find_mesh
+
+# The axis that points up in Blender.
+UP = 2
 
 
 class Change(NamedTuple):
@@ -102,6 +106,36 @@ def follow_groups(
         named = replace(weights.source, labels=tuple(labels[column] for column in used))
         changes[number] = Change(*(replace(named, values=csr_array(each[:, used])) for each in (was, now)))
     return changes
+
+
+def clear_copies(
+    dressed: Dressed,
+    changes: Sequence[Change | None],
+    weights: GroupWeights,
+    bones: Bones,
+    outfit: OutfitBones,
+    pairs: Mapping[str, str],
+) -> Dressed:
+    """Displace copies a little, so that they stay outside of the target's skin in poses, see `clear_in_poses`.
+
+    Args:
+        dressed: the fitted objects.
+        changes: their new weights.
+        weights: the vertex groups.
+        bones: the bones that move the target, at rest.
+        outfit: the outfit's own bones, which follow the bones above them.
+        pairs: names of the target's bones by those of the source's.
+    """
+    if all(each is None for each in changes):
+        return dressed
+    labels = (*bones.names, *outfit.names)
+    number = {name: column for column, name in enumerate(labels)}
+    above = [number.get(name, number.get(pairs.get(name, ""), -1)) for name in outfit.parents]
+    parents = np.concatenate([bones.parents, np.array(above, dtype=np.int64)])
+    poses = extend_poses(gentle_poses(bones.heads, bones.parents, UP), parents)
+    same = {name: name for name in labels}
+    given = [None if each is None else normalise(_by_label(each.after, same, labels)) for each in changes]
+    return clear_in_poses(dressed, PosedBody(normalise(_by_label(weights.target, same, labels)), poses), given)
 
 
 def _by_label(weights: Attribute, names: Mapping[str, str], labels: Sequence[str]) -> csr_array:

@@ -33,7 +33,7 @@ from vrm_validator import faults
 
 from zoomout_core.assets.asset import SHAPE_KEYS, Asset, Material, material_numbers
 from zoomout_core.assets.files import inputs_of, read_asset, write_asset
-from zoomout_core.assets.gltf.avatars import read_avatar
+from zoomout_core.assets.gltf.avatars import Avatar, read_avatar
 from zoomout_core.assets.gltf.document import Document
 from zoomout_core.assets.transfer_asset import transfer_asset
 from zoomout_core.cli import main
@@ -341,6 +341,19 @@ def test_avatar_metadata_is_read(path: Path, version: int) -> None:
         assert avatar.licence["avatarPermission"] == "onlyAuthor"
         assert avatar.expressions == ("blink", "aa", "happy", "Pale")
         assert avatar.springs == (("Hair", 3),)
+
+
+@pytest.mark.parametrize(
+    ("made_with", "bones"),
+    [
+        ("0.0", ("leftHand", "leftThumbProximal", "leftThumbIntermediate", "leftThumbDistal", "leftIndexProximal")),
+        ("1.0", ("leftHand", "leftThumbMetacarpal", "leftThumbProximal", "leftThumbDistal", "leftIndexProximal")),
+    ],
+)
+def test_thumbs_are_the_same_humanoid_bones_in_both_versions(made_with: str, bones: tuple[str, ...]) -> None:
+    avatar = Avatar(made_with, "", (), {}, dict(zip(bones, "habci", strict=True)), (), ())
+    hand = ("leftHand", "leftThumbMetacarpal", "leftThumbProximal", "leftThumbDistal", "leftIndexProximal")
+    assert avatar.humanoid == dict(zip(hand, "habci", strict=True))
 
 
 def run(*arguments: object) -> tuple[int, str]:

@@ -18,6 +18,8 @@ from zoomout_core.outfits.check import REST, SPREAD, SWING, check_outfit
 from zoomout_core.outfits.dress_avatar import DressedAvatar, dress_avatar
 from zoomout_core.outfits.parts import AvatarParts, split_avatar
 from zoomout_core.outfits.pictures import HEIGHT, WIDTH, draw_outfit
+from zoomout_core.transfer.dressing.posed_contact import POSED_CONTACT
+from zoomout_core.tuning import retune
 
 WIDER = np.array([1.15, 1, 1])
 
@@ -99,6 +101,16 @@ def test_written_avatar_contains_the_clothes(dressed: DressedAvatar, target: Ass
     keys = again.find(SHAPE_KEYS)
     assert keys is not None
     assert keys.labels == (KEY,)
+
+
+def test_clothes_stay_outside_of_the_skin_in_poses(parts: AvatarParts, dressed: DressedAvatar, target: Asset) -> None:
+    assert parts.worn is not None
+    with retune(POSED_CONTACT, depth=0.0):
+        still = dress_avatar(parts.body.surface.vertices * WIDER, parts.body, parts.worn, target)
+    moved = np.linalg.norm(dressed.clothes.surface.vertices - still.clothes.surface.vertices, axis=1)
+    assert 1e-3 < moved.max() < 0.2  # of a height of 6
+    assert dressed.clothes.skin is not None
+    np.testing.assert_allclose(dressed.clothes.skin.rest, dressed.clothes.surface.vertices, atol=1e-6)
 
 
 def test_an_avatar_without_joints_is_dressed(parts: AvatarParts, target: Asset) -> None:

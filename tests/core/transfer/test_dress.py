@@ -328,13 +328,42 @@ def test_masked_patch_leaves_the_skin_as_a_whole() -> None:
     assert inside[1] > 0
 
 
+def test_a_masked_patch_turns_about_what_pushes_it() -> None:
+    """A bump below one end of a plate lifts that end, and hardly the other one."""
+    shirt = shell(1.03, 800)
+    mask = plate(shirt)
+    bump = 1 + 0.1 * np.exp(-(np.linalg.norm(BODY.vertices - [0.25, 0, 1], axis=1, keepdims=True) ** 2) / 0.01)
+    chosen = np.flatnonzero(mask)
+    dressed = carry(BODY, BODY.vertices, BODY.with_vertices(BODY.vertices * bump), [shirt], keep=[mask])
+    before, after = shirt.vertices[chosen], dressed.vertices[0][chosen]
+    motion = procrustes(before, after)
+    assert np.linalg.norm(motion(before) - after, axis=1).max() < 1e-5
+    assert motion.rotation.trace() < 1 + 2 * np.cos(np.radians(4))
+    near, far = (int(np.argmax(sign * before[:, 0])) for sign in (1, -1))
+    lifted = np.linalg.norm(after, axis=1) - np.linalg.norm(before, axis=1)
+    assert lifted[near] > 0.03
+    assert abs(lifted[far]) < 0.3 * lifted[near]
+    # Normals and shape keys turn with it.
+    np.testing.assert_allclose(dressed.turns[0][chosen], np.broadcast_to(motion.linear, (len(chosen), 3, 3)), atol=1e-4)
+
+
+def test_a_masked_point_is_pushed_out() -> None:
+    """A part without extent, which can turn as it likes."""
+    shirt = shell(1.03, 800)
+    point = int(np.argmax(shirt.vertices[:, 2]))
+    bump = 1 + 0.1 * np.exp(-(np.linalg.norm(BODY.vertices - [0, 0, 1], axis=1, keepdims=True) ** 2) / 0.01)
+    skin = BODY.with_vertices(BODY.vertices * bump)
+    worn = carry(BODY, BODY.vertices, skin, [shirt], keep=[np.eye(len(shirt.vertices))[point]]).vertices[0]
+    assert SidedSurface.of(skin, 1.0).sides(worn[point : point + 1])[0] > 0
+
+
 def test_a_masked_patch_keeps_what_is_in_the_skin() -> None:
     """A sole encloses a foot: to push out some of it would push the rest in."""
     shirt = shell(0.995, 800)
     soft, kept = (carry(BODY, BODY.vertices, BODY, [shirt], keep=keep).vertices[0] for keep in (None, [plate(shirt)]))
     chosen = plate(shirt) > 0
     assert np.linalg.norm(soft - shirt.vertices, axis=1)[chosen].min() > 0.003
-    assert np.linalg.norm(kept - shirt.vertices, axis=1)[chosen].max() < 0.001
+    assert np.linalg.norm(kept - shirt.vertices, axis=1)[chosen].max() < 0.0015
 
 
 def test_loose_points_follow_the_body() -> None:

@@ -40,6 +40,10 @@ TERMS_1 = {
 }
 
 
+# Bones of a thumb in VRM 0, by their names in VRM 1.
+THUMBS = {"ThumbProximal": "ThumbMetacarpal", "ThumbIntermediate": "ThumbProximal"}
+
+
 @dataclass(frozen=True)
 class Avatar:
     """The avatar that a VRM file describes.
@@ -61,6 +65,15 @@ class Avatar:
     bones: dict[str, str]
     expressions: tuple[str, ...]
     springs: tuple[tuple[str, int], ...]
+
+    @property
+    def humanoid(self) -> dict[str, str]:
+        """The same as `bones`, by the names of VRM 1, in which the bones of thumbs have other names than in VRM 0."""
+        renamed = THUMBS if self.version.startswith("0") else {}
+        return {
+            next((bone.replace(old, new) for old, new in renamed.items() if bone.endswith(old)), bone): name
+            for bone, name in self.bones.items()
+        }
 
 
 def is_avatar(document: Document | None) -> bool:

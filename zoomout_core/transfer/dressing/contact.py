@@ -6,10 +6,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple, Protocol, TypeAlias
 
 import numpy as np
-from scipy.sparse import csc_array, csr_array, diags_array, vstack
+from scipy.sparse import csc_array, csr_array, diags_array, eye_array, kron, vstack
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Floats, Integers
@@ -64,6 +64,8 @@ class ContactTuning(Tuning, set_by="outfits"):
 CONTACT = ContactTuning()
 # Range of a push, relative to the length over which it is spread.
 PUSHED = 6.0
+# Stiffness of rotations of parts without extent, as a share of the mean of the diagonal.
+TURNING = 1e-9
 # Minimum mean number of samples of a triangle of a worn object.
 SAMPLES = 8
 # The smallest and the largest distance from the skin that is kept; places between them keep their own.
@@ -80,17 +82,17 @@ class SidedSurface:
     """
 
     def __init__(self, vertices: Floats, triangles: Integers, *, is_part: bool = False) -> None:
-        self.vertices, self._triangles, self._is_part = vertices, triangles, is_part
+        self.vertices, self.triangles, self._is_part = vertices, triangles, is_part
 
     @cached_property
-    def _normals(self) -> Floats:
+    def normals(self) -> Floats:
         """(n, 3) unit normals of the vertices."""
-        return vertex_normals(self.vertices, self._triangles)
+        return vertex_normals(self.vertices, self.triangles)
 
     @cached_property
     def _search(self) -> OrientedSurface:
         """The search for closest points, made on demand: nothing comes near most layers."""
-        points, triangles = ORIENTED_SEARCH.points, self._triangles
+        points, triangles = ORIENTED_SEARCH.points, self.triangles
         if self._is_part:
             share = float(triangle_areas(self.vertices, triangles).sum())
             points = min(points, max(int(share * points), SAMPLES * len(triangles)))
@@ -107,11 +109,11 @@ class SidedSurface:
 
     def with_vertices(self, vertices: Floats) -> SidedSurface:
         """The same triangles on other vertices (n, 3)."""
-        return SidedSurface(vertices, self._triangles)
+        return SidedSurface(vertices, self.triangles)
 
     def beside(self, points: Floats, reach: float) -> Integers:
         """(b,) which of points (p, 3) may be within reach: those in the widened bounding box."""
-        corners = self.vertices[np.unique(self._triangles)]
+        corners = self.vertices[np.unique(self.triangles)]
         return np.flatnonzero(
             ((points > corners.min(axis=0) - reach) & (points < corners.max(axis=0) + reach)).all(axis=1)
         )
@@ -129,9 +131,9 @@ class SidedSurface:
         Also returns (p,) whether the side is known, which it is not beside a border.
         """
         triangle, barycentric, distance = self.closest(points)
-        corners = self._triangles[triangle]
+        corners = self.triangles[triangle]
         off = points - np.einsum("pc,pcx->px", barycentric, self.vertices[corners])
-        normals = unit_vectors(np.einsum("pc,pcx->px", barycentric, self._normals[corners]))
+        normals = unit_vectors(np.einsum("pc,pcx->px", barycentric, self.normals[corners]))
         along = np.einsum("px,px->p", off, normals)
         return np.where(along < 0, -distance, distance), normals, np.abs(along) >= CONTACT.facing * distance
 
@@ -142,6 +144,14 @@ class Barrier(NamedTuple):
     before: SidedSurface  # the surface before the change of shape
     after: SidedSurface  # the surface after it
     is_layer: bool = False  # whether it is another worn object; then places beneath it, or far from it, are free
+
+
+class Bounds(Protocol):
+    """Surfaces that places must keep a distance from."""
+
+    def pushes(self, places: Floats) -> tuple[Integers, Floats]:
+        """(v,) numbers of the places (p, 3) that are too close, and (v, 3) how they must move."""
+        ...
 
 
 class _Bounds:
@@ -236,13 +246,16 @@ class Contact:
         positions: (n, 3) its positions after the change.
         barriers: surfaces that it must not enter; the first is the skin.
         soft: the points that may be pushed.
+
+    Attributes:
+        probes: (p, n) matrix that interpolates the places to test.
     """
 
     def __init__(self, form: Form, positions: Floats, barriers: Sequence[Barrier], soft: Integers) -> None:
         probes = form.probes(soft, CONTACT.fine)
         if len(form.between(soft)):
             probes = csr_array(vstack([probes, _beside(barriers[0].after, positions, form.between(soft))]))
-        self._form, self._probes = form, probes
+        self._form, self.probes = form, probes
         self._sides = [_Side.of(barrier, probes, form) for barrier in barriers]
         self._areas = probes @ (form.areas / np.maximum(probes.sum(axis=0), SMALLEST))
         self._kept = KeptParts.of(form)
@@ -255,6 +268,7 @@ class Contact:
         barriers: Sequence[SidedSurface],
         margins: Margins,
         moving: Booleans | None = None,
+        more: Sequence[Bounds] = (),
     ) -> tuple[Floats, int]:
         """Push the form smoothly out of barriers that it was outside of; kept parts are displaced as a whole.
 
@@ -264,11 +278,12 @@ class Contact:
             barriers: the barriers after the change.
             margins: bounds of the distance from the skin that is kept.
             moving: (n,) the points that may be pushed; all soft ones when not given.
+            more: further bounds of the places to test.
 
         Returns:
             (n, 3) positions, and how many places are still in the skin.
         """
-        probes, sides = self._probes, self._sides
+        probes, sides = self.probes, self._sides
         if moving is not None:
             is_tested = (probes @ ~moving) == 0
             sides = [side.only(is_tested) for side in sides]
@@ -276,18 +291,39 @@ class Contact:
         bounds = [side.bounds(after, growth, margins, now) for side, after in zip(sides, barriers, strict=True)]
         positions = positions.copy()
         for _ in range(CONTACT.rounds):
-            which, pushes = _pushes(bounds, probes @ positions)
+            which, pushes = _pushes([*bounds, *more], probes @ positions)
             if not len(which):
                 break
-            touched, weights = csr_array(probes[which]), CONTACT.firmness * self._areas[which]
+            touched = csr_array(probes[which])
             free = self._around(np.unique(touched.indices))
-            motions = self._kept.motions(free)
-            there = touched[:, free] @ motions
-            staying = motions.T @ self._staying[free][:, free] @ motions
-            matrix = csc_array(staying + there.T @ diags_array(weights) @ there)
-            loads = there.T @ (weights[:, None] * pushes)
-            positions[free] += motions @ factorise(matrix).solve(np.asfortranarray(loads))
+            weights = CONTACT.firmness * self._areas[which]
+            positions[free] += self._displace(free, positions, touched[:, free], weights, pushes)
         return positions, bounds[0].count_inside(probes @ positions)
+
+    def _displace(
+        self, free: Integers, positions: Floats, touched: csr_array, weights: Floats, pushes: Floats
+    ) -> Floats:
+        """(f, 3) displacements of free points that push places, which a matrix (v, f) maps to, as far as weights (v,).
+
+        Args:
+            free: numbers of the points, with whole kept parts.
+            positions: (n, 3) where all points are.
+            touched: (v, f) matrix that interpolates the pushed places.
+            weights: (v,) of the pushes.
+            pushes: (v, 3) how the places must move.
+        """
+        staying, loads = self._staying[free][:, free], weights[:, None] * pushes
+        if not self._kept.weights[free].any():
+            matrix = csc_array(staying + touched.T @ diags_array(weights) @ touched)
+            return np.asarray(factorise(matrix).solve(np.asfortranarray(touched.T @ loads)))
+        motions = self._kept.motions(free, positions)
+        in_space = eye_array(3)
+        there = csr_array(kron(touched, in_space)) @ motions.matrix
+        matrix = motions.matrix.T @ kron(staying, in_space, format="csr") @ motions.matrix
+        matrix += there.T @ diags_array(np.repeat(weights, 3)) @ there
+        # Parts without extent, such as single points, may turn as they like.
+        matrix += TURNING * matrix.diagonal().mean() * eye_array(matrix.shape[0])
+        return motions.displace(factorise(csc_array(matrix)).solve(there.T @ loads.ravel()))
 
     def _around(self, chosen: Integers) -> Integers:
         """(f,) which points a push at chosen ones reaches, by whole kept parts."""
@@ -327,7 +363,7 @@ def _beside(skin: SidedSurface, positions: Floats, triangles: Integers) -> csr_a
     return interpolation_matrix(triangles[triangle[near]], barycentric[near], len(positions))
 
 
-def _pushes(bounds: list[_Bounds], places: Floats) -> tuple[Integers, Floats]:
+def _pushes(bounds: Sequence[Bounds], places: Floats) -> tuple[Integers, Floats]:
     """(v,) numbers of places (p, 3) that are too close, possibly repeated, and (v, 3) how they must move."""
     found = [each.pushes(places) for each in bounds]
     return np.concatenate([which for which, _ in found]), np.concatenate([pushes for _, pushes in found])

@@ -9,12 +9,12 @@ was outside of the skin is pushed into it.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.sparse import coo_array, csc_array, diags_array
+from scipy.sparse import coo_array, csc_array, csr_array, diags_array
 
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.geometry.procrustes import procrustes
@@ -27,6 +27,7 @@ from zoomout_core.messages import warning
 from zoomout_core.runtime.progress import Progress, advance, listening, portion, stage
 from zoomout_core.transfer.dressing.contact import (
     Barrier,
+    Bounds,
     Contact,
     Margins,
     SidedSurface,
@@ -36,6 +37,7 @@ from zoomout_core.transfer.dressing.contact import (
 from zoomout_core.transfer.dressing.following import Following, Motion
 from zoomout_core.transfer.dressing.form import Form, Lines, read_masks
 from zoomout_core.transfer.dressing.kept_parts import KeptParts
+from zoomout_core.transfer.dressing.posed_contact import PosedBody, PosedBounds
 from zoomout_core.transfer.dressing.solid_parts import solid_parts, touching_points, with_solid_parts
 from zoomout_core.transfer.frames import turn_gradients
 from zoomout_core.transfer.rules import Match
@@ -46,6 +48,8 @@ from zoomout_core.tuning import Tuning, tuned
 # whole; "automatic" is soft, except for small solid parts.
 Manner: TypeAlias = Literal["automatic", "soft", "rigid"]
 Carried: TypeAlias = Surface | Lines
+# How bones move a body, and the weights (n, b) of an object that they move as well.
+Posed: TypeAlias = tuple[PosedBody, csr_array]
 # Fractions of the progress: inverting the match, as a share of shaping the body, and shaping the body, of the whole.
 TURNED_ROUND, SHAPED = 0.5, 0.8
 # Stiffness of a link between touching points: that of an edge between equilateral triangles; twice that if each of the
@@ -87,6 +91,7 @@ class Dressed:
             target.
         stretched: for each object (n,) vertices at edges that are stretched much more than the body.
         notes: sentences for the user.
+        outfit: the state of the fit, which `clear_in_poses` continues.
 
     Example:
         >>> dressed = zo.dress(result, source, target, [source])
@@ -98,6 +103,7 @@ class Dressed:
     turns: tuple[Floats, ...]
     stretched: tuple[Booleans, ...]
     notes: tuple[str, ...]
+    outfit: Outfit | None = field(default=None, repr=False)
 
 
 @memory_in_words
@@ -174,27 +180,70 @@ def carry(
     _check(carried, manners, stiffness, gap)
     how: Sequence[Manner] = ["automatic"] * len(carried) if manners is None else manners
     masks = read_masks(carried, keep)
-    fits, stuck = list[_Fit](), 0
+    fits = list[_Fit]()
     with stage("Dressing"):
         following = Following(body, shape)
         advance(0.1)
-        barriers = [Barrier(SidedSurface.of(body, following.unit), SidedSurface.of(skin, following.unit_after))]
+        barrier = Barrier(SidedSurface.of(body, following.unit), SidedSurface.of(skin, following.unit_after))
         advance(0.2)
         for number, (each, manner, mask) in enumerate(zip(carried, how, masks, strict=True), start=1):
             fits.append(_Fit.of(Form.of(each, following.unit, mask), following, manner, stiffness))
             advance(0.2 + 0.3 * number / len(carried))
-        margins = margins_with(gap / following.unit_after)
-        # From the skin outwards: each layer is a barrier for those above it.
-        layers = sorted((layer for fit in fits for layer in fit.layers()), key=lambda layer: layer.height)
-        for done, layer in enumerate(layers, start=1):
-            stuck += layer.push_out(barriers, margins)
-            if done < len(layers) and layer.is_barrier:
-                barriers.append(layer.as_barrier(barriers[0].before))
-            advance(0.5 + 0.5 * done / len(layers))
-        found = [fit.of_vertices(following) for fit in fits]
-    vertices, turns, stretched = zip(*found, strict=True)
-    notes = (warning("{count:,} points still intersect the skin: check these.", count=stuck),) if stuck else ()
-    return Dressed(vertices, turns, stretched, notes)
+        outfit = Outfit(fits, following, barrier, margins_with(gap / following.unit_after))
+        with portion(0.5, 1):
+            return outfit.push_out()
+
+
+def clear_in_poses(dressed: Dressed, body: PosedBody, weights: Sequence[csr_array | None]) -> Dressed:
+    """Displace fitted objects a little, so that they also stay outside of the skin in poses.
+
+    Args:
+        dressed: the fitted objects, by `carry`.
+        body: how bones move the body that they were fitted to, in its unit.
+        weights: for each object (n, b) its weights, whose rows sum to one; None where it stays.
+    """
+    assert dressed.outfit is not None
+    unit = dressed.outfit.following.unit_after
+    scaled = body._replace(poses=body.poses * np.array([1, 1, 1, 1 / unit]))
+    return dressed.outfit.push_out([None if each is None else (scaled, each) for each in weights])
+
+
+@dataclass(eq=False)
+class Outfit:
+    """Objects in the course of their fit.
+
+    Attributes:
+        fits: the objects.
+        following: the motion of the space around the body.
+        skin: the body, as a barrier.
+        margins: the bounds of the distance from the skin that is kept.
+        layers: their layers, from the skin outwards: each is a barrier for those above it.
+    """
+
+    fits: list[_Fit]
+    following: Following
+    skin: Barrier
+    margins: Margins
+    layers: list[_Layer] = field(init=False)
+
+    def __post_init__(self) -> None:
+        every = (layer for fit in self.fits for layer in fit.layers())
+        self.layers = sorted(every, key=lambda layer: layer.height)
+
+    def push_out(self, posed: Sequence[Posed | None] = ()) -> Dressed:
+        """Push each layer out of the skin, in poses as well where these are given, and of the layers below it."""
+        stuck, barriers = 0, [self.skin]
+        poses_of = dict(zip(self.fits, posed, strict=False))
+        with stage("Dressing"):
+            for done, layer in enumerate(self.layers, start=1):
+                stuck += layer.push_out(barriers, self.margins, poses_of.get(layer.fit))
+                if done < len(self.layers) and layer.is_barrier:
+                    barriers.append(layer.as_barrier(barriers[0].before))
+                advance(done / len(self.layers))
+        found = [fit.of_vertices(self.following) for fit in self.fits]
+        vertices, turns, stretched = zip(*found, strict=True)
+        notes = (warning("{count:,} points still intersect the skin: check these.", count=stuck),) if stuck else ()
+        return Dressed(vertices, turns, stretched, notes, self)
 
 
 @dataclass(eq=False)
@@ -222,11 +271,8 @@ class _Fit:
         solid = solid_parts(form) if manner == "automatic" else []
         kept = KeptParts.of(form)
         if kept.count:
-            rigid, linear = kept.fit_rigidly(form, moved, float(np.median(motion.growth)))
+            rigid, _ = kept.fit_rigidly(form, moved, float(np.median(motion.growth)))
             moved = moved + kept.displace(form, rigid - moved[kept.points], pull, length)
-            turns = motion.turns.copy()
-            turns[kept.points] += kept.weights[kept.points, None, None] * (linear - turns[kept.points])
-            motion = motion._replace(turns=turns)
             solid = [part for part in solid if not form.keep[part].any()]
         return cls(form, motion, moved, solid, False)
 
@@ -253,20 +299,28 @@ class _Fit:
         """
         positions = with_solid_parts(self.form, self.parts, self.soft, self.motion.images, self.positions)
         number = self.form.number
-        found, turns, alone = positions[number], self.motion.turns[number], np.flatnonzero(number < 0)
+        found, turns, alone = positions[number], self._turns(positions)[number], np.flatnonzero(number < 0)
         stretched = _stretched_points(self.form, self.motion, positions)[number] & (number >= 0)
         if len(alone):
             motion = following.motion(self.form.places[alone])
             found[alone], turns[alone] = motion.images, motion.turns
         return following.unit_after * found, following.unit_after / following.unit * turns, stretched
 
+    def _turns(self, positions: Floats) -> Floats:
+        """(n, 3, 3) rotation and growth around each point: that of the body, or of the part that keeps its form."""
+        kept, turns = KeptParts.of(self.form), self.motion.turns.copy()
+        _, linear = kept.fit_rigidly(self.form, positions, float(np.median(self.motion.growth)))
+        turns[kept.points] += kept.weights[kept.points, None, None] * (linear - turns[kept.points])
+        return turns
 
-@dataclass(frozen=True, eq=False)
+
+@dataclass(eq=False)
 class _Layer:
     """A part of a fit that is kept above the skin and above the layers beneath it."""
 
     fit: _Fit  # the object
     points: Integers  # numbers of its points
+    contact: Contact | None = None  # where it touches these before the change of shape, once it is known
 
     @property
     def height(self) -> float:
@@ -280,15 +334,20 @@ class _Layer:
         is_soft = not fit.is_rigid and 2 * len(fit.soft) > len(fit.form.rest)
         return is_soft and len(fit.form.between(self.points)) > 0
 
-    def push_out(self, barriers: Sequence[Barrier], margins: Margins) -> int:
+    def push_out(self, barriers: Sequence[Barrier], margins: Margins, posed: Posed | None = None) -> int:
         """Push it out of barriers that it was outside of; returns how many places are still in the skin."""
         fit, form = self.fit, self.fit.form
         if fit.is_rigid:
             fit.positions, stuck = push_out_rigidly(form, fit.positions, fit.motion.growth, barriers, margins)
         else:
-            contact = Contact(form, fit.positions, barriers, self.points)
-            after = [barrier.after for barrier in barriers]
-            fit.positions, stuck = contact.push_out(fit.positions, fit.motion.growth, after, margins)
+            if self.contact is None:
+                self.contact = Contact(form, fit.positions, barriers, self.points)
+            contact, after, more = self.contact, [barrier.after for barrier in barriers], list[Bounds]()
+            if posed is not None:
+                body, weights = posed
+                of_places = csr_array(contact.probes @ csr_array(weights)[form.first])
+                more.append(PosedBounds(contact.probes @ fit.positions, of_places, after[0], body))
+            fit.positions, stuck = contact.push_out(fit.positions, fit.motion.growth, after, margins, more=more)
         return stuck
 
     def as_barrier(self, skin: SidedSurface) -> Barrier:

@@ -11,8 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse import csr_array
+from scipy.spatial.transform import Rotation
 
-from zoomout_core.arrays import Floats, Integers
+from zoomout_core.arrays import Floats, Integers, segment_sum
 from zoomout_core.geometry.procrustes import SMALLEST, procrustes
 from zoomout_core.geometry.screened_smoothing import ScreenedSmoothing
 from zoomout_core.transfer.dressing.form import Form
@@ -78,16 +79,62 @@ class KeptParts:
         touched = np.unique(self.part[np.isin(self.points, chosen)])
         return np.union1d(chosen, self.points[np.isin(self.part, touched)])
 
-    def motions(self, chosen: Integers) -> csr_array:
-        """(c, d) matrix from all free motions of chosen points, which contain whole parts, to their displacements.
-
-        Parts are displaced as a whole, other points by themselves, and those of a weight between in both ways.
-        """
+    def motions(self, chosen: Integers, positions: Floats) -> PartMotions:
+        """The free motions of chosen points, which contain whole parts, at positions (n, 3)."""
         part = np.full(len(self.weights), -1)
         part[self.points] = self.part
-        weights, part, rows = self.weights[chosen], part[chosen], np.arange(len(chosen))
-        alone, together = np.flatnonzero(weights < 1), np.flatnonzero(weights > 0)
-        shares = np.concatenate([1 - weights[alone], weights[together]])
-        columns = np.concatenate([alone, len(chosen) + part[together]])
-        _, columns = np.unique(columns, return_inverse=True)
-        return csr_array((shares, (np.concatenate([rows[alone], rows[together]]), columns.ravel())))
+        part = part[chosen]
+        _, part[part >= 0] = np.unique(part[part >= 0], return_inverse=True)
+        return PartMotions.of(self.weights[chosen], part, positions[chosen])
+
+
+@dataclass(frozen=True, eq=False)
+class PartMotions:
+    """Small motions of points: parts move rigidly, other points by themselves, and those of a weight between both ways.
+
+    Attributes:
+        weights: (c,) how far each point keeps its place in its part.
+        part: (c,) the number of its part, -1 for none.
+        arms: (c, 3) its place relative to the centre of its part.
+        matrix: (3 c, d) from free motions, which are displacements of points, and a translation and a rotation of each
+            part, to displacements.
+    """
+
+    weights: Floats
+    part: Integers
+    arms: Floats
+    matrix: csr_array
+
+    @classmethod
+    def of(cls, weights: Floats, part: Integers, places: Floats) -> PartMotions:
+        """The motions of points with weights (c,), in parts (c,), at places (c, 3)."""
+        kept, alone = np.flatnonzero(part >= 0), np.flatnonzero(weights < 1)
+        arms, count = np.zeros_like(places), int(part.max(initial=-1)) + 1
+        centres = segment_sum(places[kept], part[kept], count) / np.bincount(part[kept], minlength=count)[:, None]
+        arms[kept] = places[kept] - centres[part[kept]]
+        axis, first = np.arange(3), 3 * len(alone)
+        of_part = first + 6 * part[kept, None]
+        blocks = (
+            (3 * alone[:, None] + axis, 3 * np.arange(len(alone))[:, None] + axis, 1 - weights[alone, None]),
+            (3 * kept[:, None] + axis, of_part + axis, weights[kept, None]),
+            (
+                (3 * kept[:, None] + axis)[:, None],
+                (of_part + 3 + axis)[:, :, None],
+                weights[kept, None, None] * np.cross(np.eye(3), arms[kept, None]),
+            ),
+        )
+        rows, columns, shares = (
+            np.concatenate([each.ravel() for each in some])
+            for some in zip(*(np.broadcast_arrays(*block) for block in blocks), strict=True)
+        )
+        return cls(weights, part, arms, csr_array((shares, (rows, columns)), (3 * len(part), first + 6 * count)))
+
+    def displace(self, solution: Floats) -> Floats:
+        """(c, 3) displacements by free motions (d,), with finite rotations, so that parts keep their form exactly."""
+        alone, kept = self.weights < 1, self.part >= 0
+        moves, count = np.zeros_like(self.arms), int(alone.sum())
+        moves[alone] = (1 - self.weights[alone, None]) * solution[: 3 * count].reshape(-1, 3)
+        motions = solution[3 * count :].reshape(-1, 6)[self.part[kept]]
+        turned = Rotation.from_rotvec(motions[:, 3:]).apply(self.arms[kept]) - self.arms[kept]
+        moves[kept] += self.weights[kept, None] * (motions[:, :3] + turned)
+        return moves

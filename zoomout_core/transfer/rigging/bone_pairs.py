@@ -1,24 +1,22 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Partners of bones in another armature, by name, place and hierarchy."""
+"""Partners of bones in another armature, as humanoid bones, by name, place and hierarchy."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
-from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.transfer.rigging.humanoid import humanoid_bones, spelling
 
 # Maximum distance of a bone from its partner, as a share of the extent of all bones: wider than the error of joints
 # that are moved along a map (2 % of the height), and narrower than a hand.
 REACH = 0.04
 # Heads closer to each other than this share of it are in the same place.
 SHARED = 0.002
-SIDES = {"left": "l", "right": "r"}
 
 
 class Skeleton(NamedTuple):
@@ -27,31 +25,31 @@ class Skeleton(NamedTuple):
     names: Sequence[str]
     parents: Integers  # (b,) numbers of their parents, -1 for none
     heads: Floats  # (b, 3)
+    humanoid: Mapping[str, str] | None = None  # names by those in VRM 1.0, as in an avatar file; None if not known
 
 
-def pair_bones(
-    bones: Skeleton, others: Skeleton, size: float, known: Mapping[str, str] = MappingProxyType({})
-) -> dict[str, str]:
+def pair_bones(bones: Skeleton, others: Skeleton, size: float) -> dict[str, str]:
     """Partners of bones in another armature that stands in the same place.
 
-    Bones of the same name are partners, then those whose names differ in spelling only, then those that are
-    mutually nearest among the rest, and then the parents of partners: bones often share their heads.
+    The same humanoid bones are partners, by the file or by the names of common rigs. Then come bones of the same name,
+    those whose names differ in spelling only, those that are mutually nearest among the rest, and the parents of
+    partners: bones often share their heads.
 
     Args:
         bones: the bones.
         others: those of the other armature.
         size: extent of the body.
-        known: partners that are known, such as by the humanoid bones of avatars.
 
     Returns:
         Names of the others by those of the bones; bones without a partner are left out.
     """
-    free = set(others.names) - set(known.values())
-    pairs = {**known, **{name: name for name in bones.names if name not in known and name in free}}
-    spelled = {_spelling(name): name for name in reversed(others.names) if name not in pairs.values()}
+    pairs = _same_humanoid(bones, others)
+    free = set(others.names) - set(pairs.values())
+    pairs |= {name: name for name in bones.names if name not in pairs and name in free}
+    spelled = {spelling(name): name for name in reversed(others.names) if name not in pairs.values()}
     for name in bones.names:
-        if name not in pairs and _spelling(name) in spelled:
-            pairs[name] = spelled.pop(_spelling(name))
+        if name not in pairs and spelling(name) in spelled:
+            pairs[name] = spelled.pop(spelling(name))
     pairs |= _nearest(bones, others, pairs, size)
     number, other_number = ({name: i for i, name in enumerate(each.names)} for each in (bones, others))
     # Bones that are added to the list are looked at in turn.
@@ -64,6 +62,16 @@ def pair_bones(
             pairs[parent] = other_parent
             climbing.append(parent)
     return pairs
+
+
+def _same_humanoid(bones: Skeleton, others: Skeleton) -> dict[str, str]:
+    """Pairs of bones that are the same humanoid bone."""
+    one, other = (
+        {bone: name for bone, name in found.items() if name in each.names}
+        for each in (bones, others)
+        for found in [humanoid_bones(each.names) if each.humanoid is None else each.humanoid]
+    )
+    return {name: other[bone] for bone, name in one.items() if bone in other}
 
 
 def _nearest(bones: Skeleton, others: Skeleton, pairs: dict[str, str], size: float) -> dict[str, str]:
@@ -85,9 +93,3 @@ def _is_alone(heads: Floats, size: float) -> Booleans:
     if len(heads) < 2:
         return np.ones(len(heads), dtype=bool)
     return np.asarray(cKDTree(heads).query(heads, 2)[0])[:, 1] > SHARED * size
-
-
-def _spelling(name: str) -> str:
-    """A name without prefix before a colon, case, separators and long words for sides."""
-    words = re.findall(r"[a-z]+|\d+", re.sub(r"([a-z])([A-Z])", r"\1 \2", name.rpartition(":")[2]).lower())
-    return " ".join(sorted(SIDES.get(word, word) for word in words))

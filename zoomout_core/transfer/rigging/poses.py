@@ -5,16 +5,25 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from zoomout_core.arrays import Floats, Integers
+from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.geometry.procrustes import SMALLEST
 from zoomout_core.spectral.sampling import farthest_points
 from zoomout_core.tuning import Tuning, tuned
 
 # Maximum number of frames of an animation that are played: as many as there are poses of extreme joints.
 MAX_FRAMES = 12
+
+# A limb begins at a joint this far from the middle, and its chain reaches this much farther: shares of the height.
+ASIDE, LONG = 0.02, 0.15
+# Elbows and knees have chains of this length below them, as a share of the height; fingers and toes do not.
+JOINTED = 0.1
+# Degrees of gentle poses: limbs swing and are lifted to the sides, elbows and knees bend, each joint of the trunk bows.
+SWING, LIFT, BEND, BOW = 30.0, 60.0, 20.0, 10.0
 
 
 @dataclass(frozen=True)
@@ -45,6 +54,83 @@ def extreme_turns(parents: Integers) -> Floats:
 def extreme_poses(heads: Floats, parents: Integers) -> Floats:
     """(f, b, 3, 4) transforms of bones with heads (b, 3) from the rest pose to the poses of `extreme_turns`."""
     return np.array([pose_of_turns(turns, heads, parents) for turns in extreme_turns(parents)])
+
+
+class Limbs(NamedTuple):
+    """The limbs of a rig, which x points across.
+
+    Attributes:
+        side: (b,) 1 for joints at positive x, -1 at negative x, 0 in the middle.
+        root: (b,) whether a limb begins at a joint.
+        inner: (b,) whether a joint is in a limb, beyond its root, such as an elbow or a finger.
+        reach: (b,) the length of the longest chain below a joint, as a share of the height.
+    """
+
+    side: Floats
+    root: Booleans
+    inner: Booleans
+    reach: Floats
+
+
+def find_limbs(heads: Floats, parents: Integers, up: int) -> Limbs:
+    """Find the limbs of a rig with joints at heads (b, 3), by the number of the axis that points up."""
+    middle, height = float(np.median(heads[:, 0])), max(float(np.ptp(heads[:, up])), SMALLEST)
+    side = np.where(np.abs(heads[:, 0] - middle) > ASIDE * height, np.sign(heads[:, 0] - middle), 0)
+    order, reach = parents_first(parents), np.zeros(len(heads))
+    for joint in reversed(order):
+        above = parents[joint]
+        if above >= 0:
+            length = float(np.linalg.norm(heads[joint] - heads[above])) / height
+            reach[above] = max(reach[above], reach[joint] + length)
+    root, inner = np.zeros((2, len(heads)), dtype=bool)
+    for joint in order:
+        above = parents[joint]
+        inner[joint] = above >= 0 and (root[above] or inner[above])
+        root[joint] = not inner[joint] and side[joint] and reach[joint] > LONG
+    return Limbs(side, root, inner, reach)
+
+
+def gentle_poses(heads: Floats, parents: Integers, up: int) -> Floats:
+    """(f, b, 3, 4) transforms of joints with heads (b, 3) to poses that bodies often take, without extremes.
+
+    Limbs swing to the front and back and to the sides, elbows and knees bend, and the trunk bends.
+
+    Args:
+        heads: the joints; x points across.
+        parents: (b,) numbers of their parents.
+        up: number of the axis that points up.
+    """
+    limbs = find_limbs(heads, parents, up)
+    trunk = ~limbs.root & ~limbs.inner & (limbs.side == 0) & (parents >= 0)
+    across, ahead = 0, 3 - up
+    turned = (
+        (limbs.root * limbs.side, SWING, (across, ahead)),
+        (limbs.root * limbs.side, LIFT, (ahead,)),
+        (limbs.inner & (limbs.reach > JOINTED), BEND, (across,)),
+        (trunk, BOW, (across,)),
+    )
+    turns = []
+    for joints, angle, axes in turned:
+        for axis in axes:
+            for sign in (1, -1):
+                turn = np.zeros((len(heads), 3))
+                turn[:, axis] = sign * np.radians(angle) * joints
+                turns.append(pose_of_turns(turn, heads, parents))
+    return np.array(turns)
+
+
+def extend_poses(poses: Floats, parents: Integers) -> Floats:
+    """(f, b, 3, 4) poses of joints with parents (b,), of which the first ones have poses (f, a, 3, 4).
+
+    The others move with their parents.
+    """
+    count = poses.shape[1]
+    every = np.tile(np.eye(3, 4), (len(poses), len(parents), 1, 1))
+    every[:, :count] = poses
+    for joint in parents_first(parents):
+        if joint >= count and parents[joint] >= 0:
+            every[:, joint] = every[:, parents[joint]]
+    return every
 
 
 def pose_of_turns(turns: Floats, heads: Floats, parents: Integers) -> Floats:
