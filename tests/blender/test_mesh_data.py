@@ -231,6 +231,26 @@ def test_a_source_is_read_as_its_modifiers_leave_it_with_all_of_its_data():
     assert len(face_slots.values) == 3 * faces
 
 
+def test_what_nodes_captured_is_no_data_of_the_user():
+    source = ellipsoid("Source", 2)
+    tree = bpy.data.node_groups.new("Capture", "GeometryNodeTree")
+    for direction in ("INPUT", "OUTPUT"):
+        tree.interface.new_socket("Geometry", in_out=direction, socket_type="NodeSocketGeometry")
+    kinds = ("NodeGroupInput", "GeometryNodeCaptureAttribute", "GeometryNodeSetPosition", "NodeGroupOutput")
+    start, capture, move, end = map(tree.nodes.new, kinds)
+    capture.capture_items.new("VECTOR", "place")
+    tree.links.new(tree.nodes.new("GeometryNodeInputPosition").outputs[0], capture.inputs[1])
+    for one, other in ((start, capture), (capture, move), (move, end)):
+        tree.links.new(one.outputs[0], other.inputs[0])
+    tree.links.new(capture.outputs[1], move.inputs["Position"])
+    source.modifiers.new("Capture", "NODES").node_group = tree
+    with mesh_data.evaluated_mesh(source, depsgraph()) as (_, mesh):
+        assert any(layer.name.startswith(".a_") for layer in mesh.attributes)
+        layers, skipped = mesh_data.read_layers(mesh)
+    assert not skipped
+    assert {layer.attribute.name for layer in layers} == {"sharp_face"}
+
+
 def test_a_mirrored_object_is_read_in_world_space_with_its_outside_outside():
     source = ellipsoid("Source", 2)
     source.scale = (-2, 2, 2)
