@@ -2,9 +2,10 @@
 """Move the vertices of a simplified mesh so that it is close to the original one in all poses.
 
 Minimises the distances of the original vertices from the planes of the triangles that are closest to them at rest, of
-the same connected part, in the sum of squares over the poses. They are linear in the rest positions, as each pose moves
-a vertex by a fixed matrix. The derivatives of the distances from a triangle's plane differ only by barycentric
-coordinates, so that the normal equations are summed over its points first. Conjugate gradients solve them.
+the same connected part and not of the opposite side, in the sum of squares over the poses. They are linear in the rest
+positions, as each pose moves a vertex by a fixed matrix. The derivatives of the distances from a triangle's plane
+differ only by barycentric coordinates, so that the normal equations are summed over its points first. Conjugate
+gradients solve them.
 """
 
 from __future__ import annotations
@@ -16,9 +17,9 @@ import numpy as np
 from scipy.sparse import bsr_array
 from scipy.sparse.linalg import LinearOperator, cg
 
-from zoomout_core.arrays import Floats, Integers, segment_sum
+from zoomout_core.arrays import Floats, Integers, row_norms, segment_sum
 from zoomout_core.geometry.closest_points import SurfaceSearch
-from zoomout_core.mesh.triangles import vertex_normals
+from zoomout_core.mesh.triangles import triangle_normals, vertex_normals
 from zoomout_core.transfer.rigging.skinning import transform_points
 from zoomout_core.tuning import Tuning, tuned
 
@@ -26,6 +27,8 @@ from zoomout_core.tuning import Tuning, tuned
 SMOOTHNESS, DAMPING = 0.05, 0.1
 # Distance of parts in searches of closest points, relative to the extent.
 APART = 3.0
+# Largest cosine between normals of opposite sides of a sheet; at most creases, normals differ by less than 120 degrees.
+OPPOSITE = -0.5
 # Pairs of corners of a triangle.
 CORNERS = [(0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (2, 0)]
 # Share of the first residual at which conjugate gradients end, and their largest number.
@@ -56,6 +59,7 @@ def fit_level(
     parts: Integers,
     motions: Sequence[Floats],
     points: Floats,
+    normals: Floats,
     parts_of_points: Integers,
     goals: Sequence[Floats],
 ) -> Floats:
@@ -67,6 +71,7 @@ def fit_level(
         parts: (k,) numbers of the connected parts that the vertices belong to.
         motions: for each pose but rest (k, 3, 4) transforms of the vertices.
         points: (n, 3) places on the original mesh at rest.
+        normals: (n, 3) its unit normals there.
         parts_of_points: (n,) their parts, to which only these parts of the level are fitted.
         goals: for each of these poses these places (n, 3).
     """
@@ -77,13 +82,15 @@ def fit_level(
     blocks = _Blocks(len(vertices), triangles)
     laplacian = np.where(blocks.row == blocks.column, np.diff(blocks.start)[blocks.row] - 1, -1)
     smoothness = SMOOTHNESS * laplacian[:, None, None] * np.eye(3)
-    normals = vertex_normals(vertices, triangles)
-    across = normals[:, :, None] * normals[:, None]
+    along = vertex_normals(vertices, triangles)
+    across = along[:, :, None] * along[:, None]
     held = DAMPING * across + LEVEL_FIT.slip * (np.eye(3) - across)
     # Far from each other, parts do not attract the points of others, which may be closer.
     shift = APART * np.ptp(points, axis=0).max() * np.arange(1 + parts.max())[:, None] * [1.0, 0.0, 0.0]
     for _ in range(LEVEL_FIT.rounds):
-        triangle, barycentric = SurfaceSearch(fitted + shift[parts], triangles).closest(points + shift[parts_of_points])
+        triangle, barycentric = _closest_facing(
+            points + shift[parts_of_points], normals, fitted + shift[parts], triangles
+        )
         matrix, right = _normal_equations(fitted, triangles, triangle, barycentric, poses, blocks)
         scale = float(np.trace(matrix[blocks.diagonal], axis1=1, axis2=2).mean()) / 3
         matrix += scale * smoothness
@@ -91,6 +98,36 @@ def fit_level(
         right -= scale * np.einsum("kxy,ky->kx", held, fitted - vertices)
         fitted = fitted + _solve(blocks, matrix, right)
     return fitted
+
+
+def _closest_facing(points: Floats, normals: Floats, vertices: Floats, triangles: Integers) -> tuple[Integers, Floats]:
+    """The closest points of triangles that do not face opposite to the points.
+
+    Where the closest triangle of all does, as behind a sheet that is thinner than the triangle is wide, others are
+    searched within this width.
+
+    Returns:
+        (n,) triangle numbers and (n, 3) barycentric coordinates, which are zero where there is no such triangle.
+    """
+    triangle, barycentric = SurfaceSearch(vertices, triangles).closest(points)
+    facing = triangle_normals(vertices, triangles)
+    behind = np.flatnonzero(np.einsum("nx,nx->n", facing[triangle], normals) < OPPOSITE)
+    width = row_norms(np.ptp(vertices[triangles[triangle[behind]]], axis=1))
+    barycentric[behind] = 0.0
+    axis = np.abs(normals[behind]).argmax(axis=1)
+    direction = 2 * axis + (normals[behind, axis] < 0)  # the one of six that is closest to the normal
+    for number in np.unique(direction):
+        ahead = np.flatnonzero(facing[:, number // 2] * (-1) ** number > 0)
+        some = direction == number
+        if len(ahead):
+            found, places = SurfaceSearch(vertices, triangles[ahead]).closest(points[behind[some]])
+            found = ahead[found]
+            off = points[behind[some]] - np.einsum("nk,nkx->nx", places, vertices[triangles[found]])
+            near = (row_norms(off) < width[some]) & (
+                np.einsum("nx,nx->n", facing[found], normals[behind[some]]) >= OPPOSITE
+            )
+            triangle[behind[some][near]], barycentric[behind[some][near]] = found[near], places[near]
+    return triangle, barycentric
 
 
 class _Blocks:

@@ -25,7 +25,14 @@ from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.mirror_pairs import mirror_moves, mirror_pairs
 from zoomout_core.mesh.simplify import simplify
 from zoomout_core.mesh.surface import MeshError, Surface
-from zoomout_core.mesh.triangles import area_normals, components, unique_edges, unit_vectors
+from zoomout_core.mesh.triangles import (
+    area_normals,
+    components,
+    triangle_normals,
+    unique_edges,
+    unit_vectors,
+    vertex_normals,
+)
 from zoomout_core.messages import message
 from zoomout_core.runtime.progress import stage
 from zoomout_core.transfer.attribute import Domain
@@ -333,12 +340,13 @@ def _fit(source: Asset, level: Asset, used: Integers, poses: _Poses) -> Asset:
         found = np.concatenate([positions[vertices], positions[surface.triangles].mean(axis=1)])
         return np.asarray(found[chosen])
 
+    at_vertices = vertex_normals(surface.vertices, surface.triangles)[vertices]
+    normals = np.concatenate([at_vertices, triangle_normals(surface.vertices, surface.triangles)])[chosen]
     motions = [each[first] for each in poses.motions(level, used)]
     goals = [places(each) for each in poses.positions]
-    triangles = of_vertex[level.surface.triangles]
-    fitted = fit_level(
-        rest[first], triangles, poses.parts[used[first]], motions, places(surface.vertices), parts[chosen], goals
-    )
+    triangles, own_parts = of_vertex[level.surface.triangles], poses.parts[used[first]]
+    goal = places(surface.vertices)
+    fitted = fit_level(rest[first], triangles, own_parts, motions, goal, normals, parts[chosen], goals)
     pairs = mirror_pairs(rest[first])
     if pairs is not None:
         fitted = mirror_moves(rest[first], fitted, pairs)
