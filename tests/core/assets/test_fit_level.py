@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from zoomout_core.assets.fit_level import fit_level
+from zoomout_core.assets.fit_level import Places, fit_level
 from zoomout_core.mesh.triangles import vertex_normals
 
 THICKNESS = 0.02
@@ -30,7 +30,7 @@ def test_the_sides_of_a_thin_sheet_are_not_exchanged() -> None:
     points, faces = plate(20)
     vertices, triangles = plate(5)
     vertices[:25, 2] -= 1.2 * THICKNESS
-    one_part = np.zeros(len(vertices), dtype=int), np.zeros(len(points), dtype=int)
-    fitted = fit_level(vertices, triangles, one_part[0], [], points, vertex_normals(points, faces), one_part[1], [])
+    places = Places(points, vertex_normals(points, faces), np.zeros(len(points), dtype=int), [])
+    fitted = fit_level(vertices, triangles, np.zeros(len(vertices), dtype=int), [], places, 4)
     np.testing.assert_allclose(fitted[:25, 2], THICKNESS / 2, atol=0.1 * THICKNESS)
     np.testing.assert_allclose(fitted[25:, 2], -THICKNESS / 2, atol=0.1 * THICKNESS)
