@@ -280,11 +280,12 @@ class _Nodes:
     def capture(self, source: NodeSocket, layers: Sequence[LinkedLayer]) -> tuple[NodeSocket, list[NodeSocket]]:
         """Add the nodes that read layers of one domain; returns the geometry to sample them on, and their values."""
         node = self.node("GeometryNodeCaptureAttribute", source, domain=layers[0].domain.name)
-        for number, layer in enumerate(layers, start=1):
+        names = [str(number) for number in range(len(layers))]  # from Blender 5.2 on, the node has further sockets
+        for name, layer in zip(names, layers, strict=True):
             kind = NODE_TYPES[layer.data_type].sampled
-            node.capture_items.new(SOCKETS[kind], str(number))
-            self._tree.links.new(self.attribute(layer.of_source, kind).outputs[0], node.inputs[number])
-        return node.outputs[0], list(node.outputs[1 : 1 + len(layers)])
+            node.capture_items.new(SOCKETS[kind], name)
+            self._tree.links.new(self.attribute(layer.of_source, kind).outputs[0], node.inputs[name])
+        return node.outputs[0], [node.outputs[name] for name in names]
 
     def mix_numbers(self, values: Sequence[object], weights: Sequence[NodeSocket]) -> NodeSocket:
         """Add the nodes of the sum of three weighted numbers."""
