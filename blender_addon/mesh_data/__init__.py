@@ -75,7 +75,6 @@ from .levels import DetailedMesh, add_level, read_detailed_mesh
 from .live_link import (
     NODE_TYPES,
     LinkedLayer,
-    check_linkable,
     link_modifier,
     remove_link,
     write_link,
@@ -211,7 +210,6 @@ __all__ = [
     "bind_worn_copy",
     "bones_of_drivers",
     "can_be_put",
-    "check_linkable",
     "child_of_constraints",
     "collection_beside",
     "content_hash",

@@ -38,6 +38,8 @@ MAY_TURN = frozenset({"FLOAT_VECTOR", "QUATERNION", "FLOAT4X4"})
 SCULPTED = frozenset({".sculpt_mask", ".sculpt_face_set"})
 EDITING_STATES = (".select_", ".hide_", ".uv_select_", ".vs.", ".es.")
 PINS = ".pn."
+# Prefix of the names that Blender gives to attributes that nodes captured, which have none of the user's.
+CAPTURED = ".a_"
 
 
 @dataclass(frozen=True)
@@ -143,13 +145,14 @@ def count_layers(mesh: Mesh) -> dict[Role, int]:
 def _list_attributes(mesh: Mesh) -> Iterator[tuple[str, Role, str | None]]:
     """Name and role of each attribute, in the order of Blender's lists, and why it cannot be transferred, if so.
 
-    Selection, hiding and the mesh's own link are left out, which nobody misses.
+    Selection, hiding, what nodes captured, and the mesh's own link are left out, which nobody misses.
     """
     roles = dict.fromkeys(mesh.uv_layers.keys(), Role.UV_MAP)
     roles |= dict.fromkeys(mesh.color_attributes.keys(), Role.COLOR)
     for name in [*roles, *(other.name for other in mesh.attributes if other.name not in roles)]:
         attribute = mesh.attributes[name]
-        if not (attribute.is_required or name in READ_ELSEWHERE or name.startswith((*EDITING_STATES, LINK_ATTRIBUTES))):
+        left_out = name in READ_ELSEWHERE or name.startswith((*EDITING_STATES, CAPTURED, LINK_ATTRIBUTES))
+        if not (attribute.is_required or left_out):
             role = roles.get(name, Role.GENERIC)
             yield name, role, _obstacle(attribute, role)
 

@@ -3,19 +3,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import bpy
 import numpy as np
 from bpy.types import Object
-from scipy.sparse import csr_array
+from scipy.sparse import csr_array, diags_array
 
 from zoomout_core.arrays import Floats
 from zoomout_core.assets.asset import MATERIALS, NORMALS, SHAPE_KEYS, UV, Asset, Skin
 from zoomout_core.assets.lods import Level
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 from zoomout_core.transfer.rigging.skinning import normalise
-from zoomout_core.transfer.rigging.weights import limit_weights
 
 from .armatures import Bones, read_bones
 from .arrays import read_array
@@ -53,7 +53,6 @@ class DetailedMesh:
         layers: its attributes but those of edges.
         active: which of these are active.
         weights: all vertex groups.
-        deforms: (groups,) whether a bone has the group's name.
         keys: the shape keys; None if there are none.
         left_out: names of attributes that levels do not have.
     """
@@ -62,7 +61,6 @@ class DetailedMesh:
     layers: tuple[Layer, ...]
     active: ActiveLayers
     weights: Attribute
-    deforms: np.ndarray
     keys: ShapeKeys | None
     left_out: tuple[str, ...]
 
@@ -94,11 +92,10 @@ def read_detailed_mesh(obj: Object) -> DetailedMesh:
         attributes.append(replace(keys.offsets, name=SHAPE_KEYS))
     weights, bones = read_weights(obj, mesh), read_bones(obj)
     asset = Asset(read_surface_at_rest(obj, positions=rest), tuple(attributes), skin=_skin(obj, rest, weights, bones))
-    deforms = np.isin(weights.labels, bones.names)
-    return DetailedMesh(asset, layers, read_active_layers(mesh), weights, deforms, keys, left_out)
+    return DetailedMesh(asset, layers, read_active_layers(mesh), weights, keys, left_out)
 
 
-def add_level(obj: Object, name: str, detailed: DetailedMesh, level: Level, max_weights: int | None) -> Object:
+def add_level(obj: Object, name: str, detailed: DetailedMesh, level: Level) -> Object:
     """A copy of an object with the mesh of a level, outside any collection."""
     asset, source = level.asset, obj.data
     mesh = bpy.data.meshes.new(name)
@@ -117,15 +114,35 @@ def add_level(obj: Object, name: str, detailed: DetailedMesh, level: Level, max_
         write_shape_keys(made, detailed.keys.keys, _values(asset, SHAPE_KEYS))
         write_animation(source.shape_keys, mesh.shape_keys, [key.name for key in detailed.keys.keys])
         redirect_drivers(mesh.shape_keys, Partners({source.shape_keys: mesh.shape_keys}))
-    weights = csr_array(csr_array(detailed.weights.values)[level.vertices].astype(np.float64))
-    if max_weights is not None:
-        limit_weights(weights, asset.surface, detailed.deforms, max_weights)
-    write_weights(made, replace(detailed.weights, values=weights))
+    write_weights(made, replace(detailed.weights, values=_weights(detailed, level)))
     mesh.update()
     normals = asset.find(NORMALS)
     if normals is not None:
         write_custom_normals(mesh, normals)
     return made
+
+
+def _weights(detailed: DetailedMesh, level: Level) -> csr_array:
+    """(k, groups) weights of a level: those of its joints, with the mesh's sums, and other groups as in the mesh."""
+    own = csr_array(csr_array(detailed.weights.values)[level.vertices].astype(np.float64))
+    skin = level.asset.skin
+    if skin is None:
+        return own
+    groups, joints = _groups_of_joints(detailed.weights.labels, skin.names)
+    moving = np.isin(np.arange(own.shape[1]), groups)
+    place = csr_array((np.ones(len(groups)), (joints, groups)), shape=(len(skin.names), own.shape[1]))
+    fitted = diags_array(own @ moving.astype(float)) @ csr_array(skin.weights) @ place
+    weights = csr_array(own @ diags_array((~moving).astype(float)) + fitted)
+    weights.eliminate_zeros()
+    return weights
+
+
+def _groups_of_joints(labels: Sequence[str], names: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
+    """The numbers (p,) of groups that bones have, and the numbers (p,) of these bones."""
+    columns = {name: number for number, name in enumerate(labels)}
+    pairs = [(columns[name], number) for number, name in enumerate(names) if name in columns]
+    groups, joints = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
+    return groups, joints
 
 
 def _name_in_asset(number: int, layer: Layer) -> str:
@@ -140,12 +157,10 @@ def _values(asset: Asset, name: str) -> np.ndarray:
 
 def _skin(obj: Object, rest: Floats, weights: Attribute, bones: Bones) -> Skin | None:
     """The bones as joints at rest; vertices without weights move with a bone that has no parent, instead of resting."""
-    columns = {name: number for number, name in enumerate(weights.labels)}
-    moving = [(columns[name], number) for number, name in enumerate(bones.names) if name in columns]
-    if not moving:
+    groups, numbers = _groups_of_joints(weights.labels, bones.names)
+    if not len(groups):
         return None
-    groups, numbers = np.array(moving).T
-    place = csr_array((np.ones(len(moving)), (groups, numbers)), shape=(len(weights.labels), len(bones.names)))
+    place = csr_array((np.ones(len(groups)), (groups, numbers)), shape=(len(weights.labels), len(bones.names)))
     own = csr_array(csr_array(weights.values).astype(np.float64) @ place)
     without = np.flatnonzero(np.asarray(own.sum(axis=1)).ravel() <= 0)
     if len(without) == len(rest):

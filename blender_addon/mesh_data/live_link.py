@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A modifier, made of Blender's own nodes, that mixes a target's layers from those of its source at each evaluation.
 
-The elements of the source that each element of the target reads, and their weights, are attributes of the target's
-mesh, as three numbers each. Elements of weight zero keep the values of the target's mesh.
+The elements of the source that each element of the target reads, their weights, and which elements follow are
+attributes of the target's mesh; other elements keep the values of that mesh. Each Sample Index and Store Named
+Attribute evaluates its fields at all elements. So the values of the source, of which vertex groups are slow to read,
+are captured once, and the attributes have the types that these nodes use.
 """
 
 from __future__ import annotations
@@ -11,7 +13,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import bpy
-import numpy as np
 from bpy.types import GeometryNodeTree, Node, NodesModifier, NodeSocket, Object
 
 import zoomout_core as zo
@@ -25,9 +26,6 @@ from .writing import remove_when_written
 
 # The custom property that marks the node groups of links.
 MARK = "zoomout_link"
-# Numbers of elements are stored as floats, three to a vector, because attributes have no three integers: single
-# precision is exact up to here.
-MAX_ELEMENTS = 1 << 24
 # Distances between nodes in the editor.
 COLUMN, ROW = 200, 400
 
@@ -57,6 +55,15 @@ NODE_TYPES = {
     "BOOLEAN": NodeTypes("BOOLEAN", "BOOLEAN"),
 }
 
+# Types of sockets by types of attributes.
+SOCKETS = {"FLOAT": "FLOAT", "FLOAT_VECTOR": "VECTOR", "FLOAT_COLOR": "RGBA", "INT": "INT", "BOOLEAN": "BOOLEAN"}
+# The attributes of picks, by the ends of their names.
+PICKS = {
+    **{f"_element_{number}": (Kind.LABEL, "INT") for number in range(3)},
+    **{f"_weight_{number}": (Kind.SCALAR, "FLOAT") for number in range(3)},
+    "_follows": (Kind.BOOLEAN, "BOOLEAN"),
+}
+
 
 @dataclass(frozen=True, eq=False)
 class LinkedLayer:
@@ -77,16 +84,6 @@ class LinkedLayer:
     data_type: str
     picks: Picks
     linked: Booleans
-
-
-def check_linkable(source: zo.Surface) -> None:
-    """Raise a MeshError if the source has too many elements for their numbers to be stored."""
-    if len(source.corner_vertex) > MAX_ELEMENTS:
-        raise zo.MeshError(
-            "The source has {count:,} face corners, but links can number no more than {most:,}: decimate it.",
-            count=len(source.corner_vertex),
-            most=MAX_ELEMENTS,
-        )
 
 
 def link_modifier(obj: Object) -> NodesModifier | None:
@@ -156,20 +153,16 @@ def _write_picks(target: Object, layers: Sequence[LinkedLayer]) -> list[str]:
     prefixes: dict[str, str] = {}
     found = []
     for layer in layers:
-        weights = layer.picks.weights * layer.linked[:, None]
-        key = hash_of(layer.domain.name, layer.picks.elements, weights)
+        picks = layer.picks
+        key = hash_of(layer.domain.name, picks.elements, picks.weights, layer.linked)
         if key not in prefixes:
             prefixes[key] = f"{LINK_ATTRIBUTES}{len(prefixes)}"
-            for name, values in zip(_names(prefixes[key]), (layer.picks.elements, weights), strict=True):
-                stored = Attribute(name, layer.domain, Kind.VECTOR, values.astype(np.float32))
-                write_layer(target.data, Layer(stored, Role.GENERIC, "FLOAT_VECTOR"))
+            columns = (*picks.elements.T, *picks.weights.T, layer.linked)
+            for (end, (kind, data_type)), values in zip(PICKS.items(), columns, strict=True):
+                stored = Attribute(prefixes[key] + end, layer.domain, kind, values)
+                write_layer(target.data, Layer(stored, Role.GENERIC, data_type))
         found.append(prefixes[key])
     return found
-
-
-def _names(prefix: str) -> tuple[str, str]:
-    """The names of the attributes with the elements and the weights of picks."""
-    return f"{prefix}_elements", f"{prefix}_weights"
 
 
 def _build(
@@ -184,9 +177,13 @@ def _build(
     nodes = _Nodes(tree)
     own, read = nodes.begin(), nodes.node("GeometryNodeObjectInfo", source).outputs["Geometry"]
     linked = own
-    for layer, prefix in zip(layers, prefixes, strict=True):
+    for domain in dict.fromkeys(layer.domain for layer in layers):
+        members = [pair for pair in zip(layers, prefixes, strict=True) if pair[0].domain is domain]
         nodes.next_row()
-        linked = _store_mixture(nodes, linked, read, layer, prefix)
+        copy, values = nodes.capture(read, [layer for layer, _ in members])
+        for (layer, prefix), value in zip(members, values, strict=True):
+            nodes.next_row()
+            linked = _store_mixture(nodes, linked, copy, layer, value, prefix)
     nodes.next_row()
     counts = (
         (read, "Point Count", len(evaluated.vertices)),
@@ -205,30 +202,31 @@ def _build(
 
 
 def _store_mixture(
-    nodes: _Nodes, geometry: NodeSocket, source: NodeSocket, layer: LinkedLayer, prefix: str
+    nodes: _Nodes, geometry: NodeSocket, source: NodeSocket, layer: LinkedLayer, value: NodeSocket, prefix: str
 ) -> NodeSocket:
-    """Add the nodes of one layer to the end of the target's geometry."""
-    types = NODE_TYPES[layer.data_type]
-    elements, weights = (
-        nodes.node("ShaderNodeSeparateXYZ", nodes.attribute(name, "FLOAT_VECTOR").outputs[0]).outputs
-        for name in _names(prefix)
-    )
-    named = nodes.attribute(layer.of_source, types.sampled)
+    """Add the nodes of one layer to the end of the target's geometry, which they pass if the source lost the layer.
 
-    def sample(value: NodeSocket, data_type: str, element: NodeSocket | int) -> NodeSocket:
-        settings = {"data_type": data_type, "domain": layer.domain.name}
-        return nodes.node("GeometryNodeSampleIndex", source, value, element, **settings).outputs["Value"]
-
-    exists = sample(named.outputs["Exists"], "BOOLEAN", 0)
-    single = types.sampled in ("INT", "BOOLEAN")
-    sampled = [sample(named.outputs["Attribute"], types.sampled, each) for each in elements[: 1 if single else 3]]
-    value = sampled[0] if single else _MIXTURES[types.sampled](nodes, sampled, weights)
-    share = nodes.mix_numbers([1, 1, 1], weights)
-    is_linked = nodes.node("ShaderNodeMath", share, 0.5, operation="GREATER_THAN").outputs[0]
-    selection = nodes.node("FunctionNodeBooleanMath", is_linked, exists, operation="AND").outputs[0]
-    settings = {"data_type": types.stored, "domain": layer.domain.name}
-    stored = nodes.node("GeometryNodeStoreNamedAttribute", geometry, selection, layer.name, value, **settings)
-    return stored.outputs["Geometry"]
+    Args:
+        nodes: where to add them.
+        geometry: the target's.
+        source: the geometry on which `value` is sampled.
+        layer: the layer.
+        value: its values on the source.
+        prefix: of the names of its picks.
+    """
+    types, domain = NODE_TYPES[layer.data_type], layer.domain.name
+    *picks, follows = (nodes.attribute(prefix + end, data_type).outputs[0] for end, (_, data_type) in PICKS.items())
+    elements, weights = picks[:3], picks[3:]
+    if types.sampled in ("INT", "BOOLEAN"):
+        mixed = nodes.sample(source, value, elements[0], types.sampled, domain)
+    else:
+        sampled = [nodes.sample(source, value, each, types.sampled, domain) for each in elements]
+        mixed = _MIXTURES[types.sampled](nodes, sampled, weights)
+    settings = {"data_type": types.stored, "domain": domain}
+    stored = nodes.node("GeometryNodeStoreNamedAttribute", geometry, follows, layer.name, mixed, **settings)
+    there = nodes.attribute(layer.of_source, types.sampled).outputs["Exists"]
+    exists = nodes.sample(source, there, 0, "BOOLEAN", domain)
+    return nodes.node("GeometryNodeSwitch", exists, geometry, stored.outputs[0], input_type="GEOMETRY").outputs[0]
 
 
 class _Nodes:
@@ -271,6 +269,23 @@ class _Nodes:
     def attribute(self, name: str, data_type: str) -> Node:
         """Add the node of a named attribute."""
         return self.node("GeometryNodeInputNamedAttribute", name, data_type=data_type)
+
+    def sample(
+        self, source: NodeSocket, value: NodeSocket, element: NodeSocket | int, data_type: str, domain: str
+    ) -> NodeSocket:
+        """Add the node that reads a field of another geometry at an element."""
+        settings = {"data_type": data_type, "domain": domain}
+        return self.node("GeometryNodeSampleIndex", source, value, element, **settings).outputs["Value"]
+
+    def capture(self, source: NodeSocket, layers: Sequence[LinkedLayer]) -> tuple[NodeSocket, list[NodeSocket]]:
+        """Add the nodes that read layers of one domain; returns the geometry to sample them on, and their values."""
+        node = self.node("GeometryNodeCaptureAttribute", source, domain=layers[0].domain.name)
+        names = [str(number) for number in range(len(layers))]  # from Blender 5.2 on, the node has further sockets
+        for name, layer in zip(names, layers, strict=True):
+            kind = NODE_TYPES[layer.data_type].sampled
+            node.capture_items.new(SOCKETS[kind], name)
+            self._tree.links.new(self.attribute(layer.of_source, kind).outputs[0], node.inputs[name])
+        return node.outputs[0], [node.outputs[name] for name in names]
 
     def mix_numbers(self, values: Sequence[object], weights: Sequence[NodeSocket]) -> NodeSocket:
         """Add the nodes of the sum of three weighted numbers."""

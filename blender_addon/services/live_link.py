@@ -163,7 +163,6 @@ def _check(context: Context, pair: ObjectPair, settings: Settings) -> None:
         raise zo.MeshError(
             "A link replaces the target's values: set Where to Everywhere and Factor to 1, and remove the Mask."
         )
-    mesh_data.check_linkable(pair.source)
 
 
 def _read(context: Context, pair: ObjectPair, settings: Settings) -> tuple[list[Layer], Attribute, dict[str, str]]:

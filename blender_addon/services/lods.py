@@ -84,7 +84,7 @@ async def prepare_levels(context: Context, name: str, choice: LevelChoice) -> Wr
                 first.name = f"{base}_LOD0"
                 _place(context, first, name, collection)
             made = [
-                mesh_data.add_level(obj, f"{base}_LOD{number}", detailed, level, limit)
+                mesh_data.add_level(obj, f"{base}_LOD{number}", detailed, level)
                 for number, level in enumerate(levels, start=1)
             ]
             for each in made:

@@ -21,11 +21,20 @@ from true_match import keep_true_match
 
 import zoomout_core as zo
 from blender_addon.adapters import Settings
-from blender_addon.mesh_data import all_or_nothing, link_modifier, read_weights
+from blender_addon.mesh_data import (
+    LinkedLayer,
+    all_or_nothing,
+    link_modifier,
+    read_source_surface,
+    read_weights,
+    write_link,
+)
 from blender_addon.services import live_link as service
 from blender_addon.services.live_link import has_older_match, keep_linked, link_of, update_linked
 from blender_addon.services.transfer import transfer_objects
 from blender_addon.storage import stored_link
+from zoomout_core.transfer import Domain
+from zoomout_core.transfer.picks import Picks
 
 FLOATS = ("FLOAT", "FLOAT2", "FLOAT_VECTOR", "FLOAT_COLOR", "BYTE_COLOR")
 LABELS = ("INT", "INT8", "BOOLEAN")
@@ -122,6 +131,33 @@ def test_linked_target_follows_all_layers_like_a_transfer(source, target):
         # A transfer decides again on labels and islands at their borders.
         elected = name.endswith((*LABELS, "UVMap"))
         assert differ.mean() <= (0.05 if elected else 1 - shares[name] + 1e-9), name
+
+
+def test_vertex_groups_of_the_source_are_read_once(source, target):
+    """Blender searches the groups of a vertex for each value: other nodes read the captured ones."""
+    for name in ("Left", "Right"):
+        set_weights(source, name, np.clip(positions(source.data)[:, 0] + 0.5, 0, 1))
+    keep_linked(bpy.context, target, ["vertex_groups"])
+    nodes = link_modifier(target).node_group.nodes
+    samples = [node for node in nodes if node.bl_idname == "GeometryNodeSampleIndex" and node.data_type == "FLOAT"]
+    assert len(samples) == 6
+    assert {node.inputs["Value"].links[0].from_node.bl_idname for node in samples} == {"GeometryNodeCaptureAttribute"}
+    assert not any(layer.name.startswith(".a_") for layer in evaluated_layers(target))  # nothing captured stays
+
+
+def evaluated_layers(obj):
+    return obj.evaluated_get(bpy.context.evaluated_depsgraph_get()).data.attributes
+
+
+def test_sources_of_any_size_are_numbered_exactly(source, target):
+    count = len(target.data.vertices)
+    elements = np.arange(3 * count).reshape(-1, 3) + (1 << 24)  # beyond here, single precision skips numbers
+    picks = Picks(elements, np.full((count, 3), 1 / 3))
+    everything = np.ones(count, dtype=bool)
+    surface = read_source_surface(source, bpy.context.evaluated_depsgraph_get())
+    write_link(target, source, surface, [LinkedLayer("a", "a", Domain.POINT, "FLOAT", picks, everything)])
+    stored = [values(target.data, f".zoomout_link_0_element_{number}") for number in range(3)]
+    np.testing.assert_array_equal(np.column_stack(stored), elements)
 
 
 def test_faces_at_a_seam_follow_their_own_island(source, target):

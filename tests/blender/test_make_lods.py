@@ -12,6 +12,7 @@ from scenes import (
     key_shape,
     new_material,
     positions,
+    set_weights,
     snapshot_file,
     values,
     weight_array,
@@ -19,6 +20,7 @@ from scenes import (
 
 import zoomout_core as zo
 from blender_addon import api, mesh_data
+from zoomout_core.assets.lods import make_lods
 from zoomout_core.geometry.closest_points import closest_points
 
 CHOICE = api.LevelChoice(ratios=(0.5, 0.25), max_weights=2)
@@ -99,6 +101,20 @@ def test_levels_follow_the_rig_like_the_mesh(source):
     triangle, barycentric = closest_points(points, found, triangles)
     nearest = np.einsum("nk,nkx->nx", barycentric, found[triangles[triangle]])
     assert np.linalg.norm(points - nearest, axis=1).mean() < 0.01
+
+
+def test_groups_of_bones_have_the_fitted_weights_and_others_those_of_the_mesh(source):
+    set_weights(source, "Pinned", np.linspace(0, 1, len(source.data.vertices)))
+    detailed = mesh_data.read_detailed_mesh(source)
+    (level,) = make_lods(detailed.asset, [0.25], 2)
+    made = mesh_data.add_level(source, "Level", detailed, level)
+    skin = level.asset.skin
+    expected = np.column_stack([skin.weights.toarray()[:, skin.names.index(name)] for name in BONES])
+    found, before = (np.column_stack([weight_array(obj, name) for name in BONES]) for obj in (made, source))
+    np.testing.assert_allclose(found, expected, atol=1e-6)
+    assert np.abs(found - before[level.vertices]).max() > 0.01
+    pinned = [weight_array(obj, "Pinned") for obj in (made, source)]
+    np.testing.assert_allclose(pinned[0], pinned[1][level.vertices], atol=1e-6)
 
 
 def test_levels_replace_earlier_ones_in_the_same_collection(source):

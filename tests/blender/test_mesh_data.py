@@ -231,6 +231,25 @@ def test_source_is_read_after_modifiers_with_all_data():
     assert len(face_slots.values) == 3 * faces
 
 
+def test_attributes_captured_by_nodes_are_not_read():
+    source = ellipsoid("Source", 2)
+    tree = bpy.data.node_groups.new("Capture", "GeometryNodeTree")
+    for direction in ("INPUT", "OUTPUT"):
+        tree.interface.new_socket("Geometry", in_out=direction, socket_type="NodeSocketGeometry")
+    kinds = ("NodeGroupInput", "GeometryNodeCaptureAttribute", "GeometryNodeSetPosition", "NodeGroupOutput")
+    start, capture, move, end = map(tree.nodes.new, kinds)
+    capture.capture_items.new("VECTOR", "place")
+    tree.links.new(tree.nodes.new("GeometryNodeInputPosition").outputs[0], capture.inputs["place"])
+    for one, other in ((start, capture), (capture, move), (move, end)):
+        tree.links.new(one.outputs[0], other.inputs[0])
+    tree.links.new(capture.outputs["place"], move.inputs["Position"])
+    source.modifiers.new("Capture", "NODES").node_group = tree
+    with mesh_data.evaluated_mesh(source, depsgraph()) as (_, mesh):
+        layers, skipped = mesh_data.read_layers(mesh)
+    assert not skipped
+    assert {layer.attribute.name for layer in layers} == {"sharp_face"}
+
+
 def test_mirrored_object_is_read_with_outward_faces():
     source = ellipsoid("Source", 2)
     source.scale = (-2, 2, 2)

@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Move the vertices of a simplified mesh so that it is close to the original one in all poses.
+"""Move the vertices of a simplified mesh, and change their weights, so that it is close to the original in all poses.
 
 Minimises the distances of the original vertices from the planes of the triangles that are closest to them at rest, of
-the same connected part, in the sum of squares over the poses. They are linear in the rest positions, as each pose moves
-a vertex by a fixed matrix. The derivatives of the distances from a triangle's plane differ only by barycentric
-coordinates, so that the normal equations are summed over its points first. Conjugate gradients solve them.
+the same connected part and not of the opposite side, in the sum of squares over the poses. They are linear in the rest
+positions, as each pose moves a vertex by a fixed matrix. The derivatives of the distances from a triangle's plane
+differ only by barycentric coordinates, so that the normal equations are summed over its points first. Conjugate
+gradients solve them. The distances are linear in the weights, too: joints that a vertex has share its motion so that
+its triangles, not the vertex alone, follow the mesh.
 """
 
 from __future__ import annotations
@@ -13,19 +15,27 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import bsr_array
+from scipy.sparse import bsr_array, csr_array, eye_array
 from scipy.sparse.linalg import LinearOperator, cg
 
-from zoomout_core.arrays import Floats, Integers, segment_sum
+from zoomout_core.arrays import Floats, Integers, row_norms, segment_sum
 from zoomout_core.geometry.closest_points import SurfaceSearch
-from zoomout_core.mesh.triangles import vertex_normals
-from zoomout_core.transfer.rigging.skinning import transform_points
+from zoomout_core.mesh.triangles import triangle_normals, vertex_normals
+from zoomout_core.transfer.rigging.skinning import (
+    blend_matrices,
+    normalise,
+    row_of,
+    strongest,
+    transform_points,
+)
 from zoomout_core.tuning import Tuning, tuned
 
 # Weights of the smoothness of the displacements, and of their size, relative to those of the distances.
 SMOOTHNESS, DAMPING = 0.05, 0.1
 # Distance of parts in searches of closest points, relative to the extent.
 APART = 3.0
+# Largest cosine between normals of opposite sides of a sheet; at most creases, normals differ by less than 120 degrees.
+OPPOSITE = -0.5
 # Pairs of corners of a triangle.
 CORNERS = [(0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (2, 0)]
 # Share of the first residual at which conjugate gradients end, and their largest number.
@@ -40,14 +50,33 @@ class LevelFitTuning(Tuning, set_by="production"):
         rounds: times that closest points are found and the vertices moved.
         slip: weight of displacements along the surface, with which textures slip, relative to that of the distances.
         poses: weight of the distances in all other poses, relative to that at rest.
+        weights: weight of the size of changes of skin weights, relative to the mean of that of the distances.
     """
 
     rounds: int = tuned(4, "1", 0, 20)
     slip: float = tuned(0.3, "1", 0, 100)
     poses: float = tuned(3.0, "1", 0, 10)
+    weights: float = tuned(0.1, "1", 0.001, 1e9)
 
 
 LEVEL_FIT = LevelFitTuning()
+
+
+@dataclass(frozen=True, eq=False)
+class Places:
+    """Places on the original mesh that a level is fitted to.
+
+    Attributes:
+        points: (n, 3) them at rest.
+        normals: (n, 3) unit normals there.
+        parts: (n,) their parts, to which only these parts of the level are fitted.
+        goals: (n, 3) them in each pose but rest.
+    """
+
+    points: Floats
+    normals: Floats
+    parts: Integers
+    goals: Sequence[Floats]
 
 
 def fit_level(
@@ -55,9 +84,8 @@ def fit_level(
     triangles: Integers,
     parts: Integers,
     motions: Sequence[Floats],
-    points: Floats,
-    parts_of_points: Integers,
-    goals: Sequence[Floats],
+    places: Places,
+    rounds: int,
 ) -> Floats:
     """(k, 3) rest positions of a level that is close to the original mesh in all poses.
 
@@ -66,24 +94,21 @@ def fit_level(
         triangles: (m, 3) vertex numbers.
         parts: (k,) numbers of the connected parts that the vertices belong to.
         motions: for each pose but rest (k, 3, 4) transforms of the vertices.
-        points: (n, 3) places on the original mesh at rest.
-        parts_of_points: (n,) their parts, to which only these parts of the level are fitted.
-        goals: for each of these poses these places (n, 3).
+        places: where the original mesh is.
+        rounds: times that closest points are found and the vertices moved.
     """
     still = np.tile(np.eye(4)[:3], (len(vertices), 1, 1))
     weights = [1.0, *[LEVEL_FIT.poses / max(len(motions), 1)] * len(motions)]
-    poses = list(zip([still, *motions], [points, *goals], weights, strict=True))
+    poses = list(zip([still, *motions], [places.points, *places.goals], weights, strict=True))
     fitted = vertices.copy()
     blocks = _Blocks(len(vertices), triangles)
     laplacian = np.where(blocks.row == blocks.column, np.diff(blocks.start)[blocks.row] - 1, -1)
     smoothness = SMOOTHNESS * laplacian[:, None, None] * np.eye(3)
-    normals = vertex_normals(vertices, triangles)
-    across = normals[:, :, None] * normals[:, None]
+    along = vertex_normals(vertices, triangles)
+    across = along[:, :, None] * along[:, None]
     held = DAMPING * across + LEVEL_FIT.slip * (np.eye(3) - across)
-    # Far from each other, parts do not attract the points of others, which may be closer.
-    shift = APART * np.ptp(points, axis=0).max() * np.arange(1 + parts.max())[:, None] * [1.0, 0.0, 0.0]
-    for _ in range(LEVEL_FIT.rounds):
-        triangle, barycentric = SurfaceSearch(fitted + shift[parts], triangles).closest(points + shift[parts_of_points])
+    for _ in range(rounds):
+        triangle, barycentric = _closest(fitted, triangles, parts, places)
         matrix, right = _normal_equations(fitted, triangles, triangle, barycentric, poses, blocks)
         scale = float(np.trace(matrix[blocks.diagonal], axis1=1, axis2=2).mean()) / 3
         matrix += scale * smoothness
@@ -91,6 +116,83 @@ def fit_level(
         right -= scale * np.einsum("kxy,ky->kx", held, fitted - vertices)
         fitted = fitted + _solve(blocks, matrix, right)
     return fitted
+
+
+def fit_weights(
+    vertices: Floats, triangles: Integers, parts: Integers, weights: csr_array, joints: Floats, places: Places
+) -> csr_array:
+    """(k, b) weights of the same joints, which sum to one, of a level that is close to the original mesh in all poses.
+
+    Args:
+        vertices: (k, 3) rest positions.
+        triangles: (m, 3) vertex numbers.
+        parts: (k,) numbers of the connected parts that the vertices belong to.
+        weights: (k, b) the weights to begin with.
+        joints: (f, b, 3, 4) transforms of the joints in the first poses of `places`.
+        places: where the original mesh is.
+    """
+    shares, corner = normalise(weights), triangles.ravel()
+    triangle, barycentric = _closest(vertices, triangles, parts, places)
+    squares = (barycentric[:, :, None] * barycentric[:, None]).reshape(-1, 9)
+    products = segment_sum(squares, triangle, len(triangles)).reshape(-1, 3, 3)
+    mass = bsr_array((products, np.arange(len(triangles)), np.arange(len(triangles) + 1)))
+    row, main = row_of(shares), strongest(shares)
+    # The strongest joint of a vertex gets what the others leave.
+    free = np.flatnonzero(shares.indices != main[row])
+    if not len(free):
+        return shares
+    vertex, joint = row[free], shares.indices[free]
+    start = np.searchsorted(vertex, np.arange(len(vertices) + 1))
+    slope = csr_array((np.ones(len(free)), np.arange(len(free)), start), shape=(len(vertices), len(free)))[corner]
+    of_triangle = row_of(slope) // 3
+    matrix, right = csr_array((len(free), len(free))), np.zeros(len(free))
+    for pose, goal in zip(joints, places.goals[: len(joints)], strict=True):
+        moved = transform_points(blend_matrices(pose, shares), vertices)
+        normal = triangle_normals(moved, triangles)
+        arm = transform_points(pose[joint] - pose[main[vertex]], vertices[vertex])
+        slope.data = np.einsum("ex,ex->e", normal[of_triangle], arm[slope.indices])
+        distance = np.einsum("nx,nx->n", normal[triangle], goal - moved[triangles[triangle, 0]])
+        matrix = matrix + slope.T @ (mass @ slope)
+        right += slope.T @ segment_sum(barycentric * distance[:, None], triangle, len(triangles)).ravel()
+    scale = LEVEL_FIT.weights * matrix.diagonal().mean()
+    step, _ = cg(matrix + scale * eye_array(len(free)), right, rtol=SOLVED, maxiter=MAX_STEPS)
+    found = shares.data.copy()
+    found[free] += step
+    found[shares.indices == main[row]] -= np.bincount(vertex, step, len(vertices))[np.diff(shares.indptr) > 0]
+    return normalise(csr_array((np.maximum(found, 0), shares.indices, shares.indptr), shape=shares.shape))
+
+
+def _closest(vertices: Floats, triangles: Integers, parts: Integers, places: Places) -> tuple[Integers, Floats]:
+    """The closest points of triangles of the same part that do not face opposite to the places.
+
+    Where the closest triangle does, as behind a sheet that is thinner than the triangle is wide, others are searched
+    within this width.
+
+    Returns:
+        (n,) triangle numbers and (n, 3) barycentric coordinates, which are zero where there is no such triangle.
+    """
+    # Far from each other, parts do not attract the points of others, which may be closer.
+    shift = APART * np.ptp(places.points, axis=0).max() * np.arange(1 + parts.max())[:, None] * [1.0, 0.0, 0.0]
+    vertices, points, normals = vertices + shift[parts], places.points + shift[places.parts], places.normals
+    triangle, barycentric = SurfaceSearch(vertices, triangles).closest(points)
+    facing = triangle_normals(vertices, triangles)
+    behind = np.flatnonzero(np.einsum("nx,nx->n", facing[triangle], normals) < OPPOSITE)
+    width = row_norms(np.ptp(vertices[triangles[triangle[behind]]], axis=1))
+    barycentric[behind] = 0.0
+    axis = np.abs(normals[behind]).argmax(axis=1)
+    direction = 2 * axis + (normals[behind, axis] < 0)  # the one of six that is closest to the normal
+    for number in np.unique(direction):
+        ahead = np.flatnonzero(facing[:, number // 2] * (-1) ** number > 0)
+        some = direction == number
+        if len(ahead):
+            found, inside = SurfaceSearch(vertices, triangles[ahead]).closest(points[behind[some]])
+            found = ahead[found]
+            off = points[behind[some]] - np.einsum("nk,nkx->nx", inside, vertices[triangles[found]])
+            near = (row_norms(off) < width[some]) & (
+                np.einsum("nx,nx->n", facing[found], normals[behind[some]]) >= OPPOSITE
+            )
+            triangle[behind[some][near]], barycentric[behind[some][near]] = found[near], inside[near]
+    return triangle, barycentric
 
 
 class _Blocks:

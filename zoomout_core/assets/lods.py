@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Levels of detail: simplified meshes of an asset, each with all data of the asset itself.
 
-Each vertex of a level is one of the asset's, with its weights, morph targets and texture coordinates. Seams and borders
-of materials stay in place, and vertices where the mesh bends in its poses. Then the positions are fitted to the asset.
+Each vertex of a level is one of the asset's, with its morph targets, texture coordinates and joints. Seams and borders
+of materials stay in place, and vertices where the mesh bends in its poses. Then the positions, and the weights of these
+joints, are fitted to the asset.
 """
 
 from __future__ import annotations
@@ -18,14 +19,21 @@ from scipy.sparse import csr_array
 
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.assets.asset import MATERIALS, NORMALS, SHAPE_KEYS, UV, Asset, at_rest, on_corners
-from zoomout_core.assets.fit_level import fit_level
+from zoomout_core.assets.fit_level import LEVEL_FIT, Places, fit_level, fit_weights
 from zoomout_core.geometry.closest_points import SurfaceSearch
 from zoomout_core.maps.surface_map import SurfaceMap, interpolation_matrix
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.mirror_pairs import mirror_moves, mirror_pairs
 from zoomout_core.mesh.simplify import simplify
 from zoomout_core.mesh.surface import MeshError, Surface
-from zoomout_core.mesh.triangles import area_normals, components, unique_edges, unit_vectors
+from zoomout_core.mesh.triangles import (
+    area_normals,
+    components,
+    triangle_normals,
+    unique_edges,
+    unit_vectors,
+    vertex_normals,
+)
 from zoomout_core.messages import message
 from zoomout_core.runtime.progress import stage
 from zoomout_core.transfer.attribute import Domain
@@ -319,7 +327,7 @@ def _with_facing_normals(level: Asset, asset: Asset, used: Integers) -> Asset:
 
 
 def _fit(source: Asset, level: Asset, used: Integers, poses: _Poses) -> Asset:
-    """A level, moved so that it is close to the asset in all poses; vertices in one place stay together."""
+    """A level, moved and weighted to be close to the asset in all poses; vertices in one place stay together."""
     surface = source.surface
     rest = at_rest(level).surface.vertices
     first, of_vertex = _merge_places(rest)
@@ -328,20 +336,28 @@ def _fit(source: Asset, level: Asset, used: Integers, poses: _Poses) -> Asset:
     kept = np.flatnonzero(np.isin(parts, poses.parts[used]))
     chosen = np.random.default_rng(0).permutation(kept)[: FITTED * len(first)]
 
-    def places(positions: Floats) -> Floats:
+    def place(positions: Floats) -> Floats:
         """The points of the asset that the level is fitted to, in a pose: vertices, and centres of triangles."""
         found = np.concatenate([positions[vertices], positions[surface.triangles].mean(axis=1)])
         return np.asarray(found[chosen])
 
-    motions = [each[first] for each in poses.motions(level, used)]
-    goals = [places(each) for each in poses.positions]
-    triangles = of_vertex[level.surface.triangles]
-    fitted = fit_level(
-        rest[first], triangles, poses.parts[used[first]], motions, places(surface.vertices), parts[chosen], goals
-    )
+    at_vertices = vertex_normals(surface.vertices, surface.triangles)[vertices]
+    normals = np.concatenate([at_vertices, triangle_normals(surface.vertices, surface.triangles)])[chosen]
+    places = Places(place(surface.vertices), normals, parts[chosen], [place(each) for each in poses.positions])
+    triangles, own_parts = of_vertex[level.surface.triangles], poses.parts[used[first]]
     pairs = mirror_pairs(rest[first])
-    if pairs is not None:
-        fitted = mirror_moves(rest[first], fitted, pairs)
+
+    def fit(weighted: Asset, rounds: int) -> Floats:
+        motions = [each[first] for each in poses.motions(weighted, used)]
+        fitted = fit_level(rest[first], triangles, own_parts, motions, places, rounds)
+        return fitted if pairs is None else mirror_moves(rest[first], fitted, pairs)
+
+    if level.skin is not None:
+        fitted = fit(level, 1)  # so that weights do not make up for the places of the vertices
+        weights = csr_array(level.skin.weights)[first]
+        weights = fit_weights(fitted, triangles, own_parts, weights, poses.joints, places)
+        level = replace(level, skin=replace(level.skin, weights=csr_array(weights[of_vertex])))
+    fitted = fit(level, LEVEL_FIT.rounds)
     moved = fitted[of_vertex]
     if level.skin is None:
         return replace(level, surface=level.surface.with_vertices(moved))

@@ -84,8 +84,9 @@ def test_levels_move_like_the_mesh(folder: Path) -> None:
         (LEVEL_FIT, {"rounds": 0}, 1.3),
         (LEVEL_FIT, {"poses": 0.0}, 1.01),
         (LEVEL_FIT, {"slip": 100.0}, 1.05),
+        (LEVEL_FIT, {"weights": 1e9}, 1.01),
     ],
-    ids=["simplified at rest only", "not fitted", "fitted at rest only", "moved along normals only"],
+    ids=["simplified at rest only", "not fitted", "fitted at rest only", "moved along normals only", "same weights"],
 )
 def test_each_part_reduces_the_error_in_poses(
     coarse: tuple[Asset, Level], stage: Tuning, change: dict, factor: float
