@@ -63,6 +63,18 @@ def test_a_patch_on_the_other_side_goes_back_to_its_own(pair, truth, resting, be
     assert found.filled[patch].all()
 
 
+def test_only_what_has_a_partner_can_be_torn(pair, truth) -> None:
+    """What a fragment has alone has its images on cuts, which says nothing of the rest."""
+    alone = pair.target.vertices[:, 2] > np.quantile(pair.target.vertices[:, 2], 0.3)
+    cut = int(np.argmin(pair.source.vertices[:, 2]))
+    partial = send(truth, np.flatnonzero(alone), np.full(np.count_nonzero(alone), cut), pair)
+    found, unaware = repair(pair, partial, ~alone), repair(pair, partial)
+    assert found.connected[~alone].min() > 0.9
+    assert not found.torn.any()
+    assert np.median(unaware.connected[~alone]) < 0.5
+    np.testing.assert_array_equal(found.surface_map.vertex[~alone], truth.vertex[~alone])
+
+
 def test_a_map_without_tears_stays_as_it_is(pair, truth) -> None:
     found = repair(pair, truth)
     untouched = ~found.filled
