@@ -128,7 +128,7 @@ def test_registered_placements_keep_where_they_began(
 def test_nothing_pulls_what_only_one_fragment_has(
     fragments: PartAndWhole, fitted: PartCandidate, monkeypatch: pytest.MonkeyPatch, is_rigid: bool
 ) -> None:
-    """A pull on it, however small, draws it onto the other fragment, where it hides the true partners."""
+    """Even a small pull draws it onto the other fragment, where it hides the true partners."""
     given = []
 
     def register(_places: object, _part: object, _whole: object, levels: Sequence[Level], start: Any) -> Any:

@@ -64,7 +64,7 @@ def test_a_patch_on_the_other_side_goes_back_to_its_own(pair, truth, resting, be
 
 
 def test_only_what_has_a_partner_can_be_torn(pair, truth) -> None:
-    """What a fragment has alone has its images on cuts, which says nothing of the rest."""
+    """Images of vertices that only one fragment has are on cuts, and no evidence against the others."""
     alone = pair.target.vertices[:, 2] > np.quantile(pair.target.vertices[:, 2], 0.3)
     cut = int(np.argmin(pair.source.vertices[:, 2]))
     partial = send(truth, np.flatnonzero(alone), np.full(np.count_nonzero(alone), cut), pair)
