@@ -24,15 +24,13 @@ from zoomout_core.maps.nearest import nearest
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.pair import Pair, landmark_points, landmarks_on_parts, positions_of_part
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
-from zoomout_core.matching.ranking.scores import IN_SPACE, UPRIGHT, Disagreement, correlation
+from zoomout_core.matching.ranking.scores import IN_SPACE, UP_AXES, UPRIGHT, Disagreement, correlation
 from zoomout_core.mesh.surface import Surface, vertex_numbers
 from zoomout_core.mesh.triangles import edge_graph
 
 Landmarks: TypeAlias = tuple[ArrayLike, ArrayLike]
 Regions: TypeAlias = Sequence[tuple[ArrayLike, ArrayLike]]
 
-# Axes of a file along which a shape may stand: y in formats for games, z in those for modelling and printing.
-UP_AXES = [1, 2]
 # The indicator function of a region is smoothed over this diffusion length, at unit area, and scaled to unit size.
 REGION_WIDTH = 0.05
 REGION_SCALE = 2.0

@@ -292,7 +292,8 @@ def make_result(pair: Pair, candidates: tuple[Candidate, ...], chosen: int) -> M
         whole = lift(pair, dense.fit, dense.confidence, dense.partners)
         surface_map = meet_exact_landmarks(whole.surface_map, pair)
     with stage("Repairing torn places", 0.95, 1.0):
-        repaired = repair(pair, surface_map)
+        is_part = candidates[chosen].part_match is not None
+        repaired = repair(pair, surface_map, whole.partners.target if is_part else None)
     confidence, cut_off = whole.confidence * repaired.connected, repaired.connected < LOW_CONFIDENCE
     lost = _on_lost_parts(pair.target, whole.confidence)
     placed = min(whole.placed, 1 - pair.target.share_of_area(lost))

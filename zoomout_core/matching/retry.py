@@ -65,13 +65,14 @@ def attempt_part(whole: Attempt, known: Constraints) -> Attempt:
 
     The units of the files are tried first, unless they are known to differ; other scales follow if no map is likely.
     """
+    upright = known.upright and are_fragments(whole.pair)
     known = replace(known, upright=False)  # a limb may point anywhere
     best, other_units = whole, units_differ(whole.pair)
     if not other_units:
         pair = in_one_unit(whole.pair)
         with stage("Placing a part", 0.0, 0.3):
             given = [places_of(one, pair) for one in _maps_of_fragments(whole)]
-            candidates = match_part(pair, known.disagreement(pair), given)
+            candidates = match_part(pair, known.disagreement(pair), given, upright)
         best = _as_part(whole, pair, candidates, PART_MATCH.likely)
     certainty = best.candidates[0].certainty
     enough = UNKNOWN_SCALE.certain if best is whole else UNKNOWN_SCALE.likely

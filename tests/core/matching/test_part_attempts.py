@@ -86,8 +86,9 @@ def choose_map(
             basis=SimpleNamespace(areas=np.full(4, area / 4)),
         )
 
-    def placed(_pair: object, _disagreement: object, as_wholes: Sequence[Candidate]) -> list[Candidate]:
+    def placed(_pair: object, _: object, as_wholes: Sequence[Candidate], upright: bool) -> list[Candidate]:
         assert [one.certainty for one in as_wholes] == ([by_whole, 0.0] if fragments else [])
+        assert upright == fragments  # a single part may be a limb, which may point anywhere
         advance(0.5)
         return [candidate(by_part, image), candidate(0.0, ELSEWHERE)]
 

@@ -10,13 +10,15 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from zoomout_core.arrays import Integers
+from zoomout_core.arrays import Floats, Integers
 from zoomout_core.geometry.procrustes import Moments, products
 from zoomout_core.matching.partial.incomplete_shape import IncompleteShape
 from zoomout_core.matching.partial.landmark_maps import place_all, place_few
 from zoomout_core.matching.partial.landmark_search import SEARCH, assignments, distinct, landmarks_of
 from zoomout_core.matching.partial.part_registration import PART_REGISTRATION, RegisteredPart, register_part
 from zoomout_core.matching.partial.region import Region
+from zoomout_core.matching.partial.rigid_placements import rigid_placements
+from zoomout_core.matching.ranking.scores import EVIDENCE_WEIGHTS, UP_AXES, UPRIGHT
 from zoomout_core.runtime.progress import portion
 from zoomout_core.runtime.threads import for_each
 from zoomout_core.tuning import Tuning, tuned
@@ -59,6 +61,7 @@ class PartCandidate:
     places: Integers  # (d_p,) for each place of the part that of the region
     registered: RegisteredPart  # the part, registered by it
     scores: dict[str, float]  # promise, those of the registered part, and its fit: the lowest is the most likely
+    start: Floats | None = None  # (n, 3) the part's vertices by the rigid placement that it was registered from, if any
 
 
 class _Found(NamedTuple):
@@ -67,16 +70,20 @@ class _Found(NamedTuple):
     promise: float
     region: Region
     places: Integers
+    start: Floats | None = None  # (n, 3) where it places the part's vertices, if it is rigid
 
 
 _Map = TypeVar("_Map", _Found, PartCandidate)
 
 
-def part_candidates(regions: Sequence[Region], given: Sequence[Integers] = ()) -> list[PartCandidate]:
+def part_candidates(
+    regions: Sequence[Region], given: Sequence[Integers] = (), upright: bool = False
+) -> list[PartCandidate]:
     """Maps of a part to a whole, or to regions of it, which compete, the most likely first.
 
-    Each of two fragments has regions that the other one lacks. So landmarks of the whole are placed on the part, too.
-    Promises of both searches are not comparable, so the best maps of each are registered again and compared by fit.
+    Each of two fragments has regions that the other one lacks, so that few landmarks have a partner. So fragments are
+    placed rigidly, too. Promises of both searches are not comparable, so the best maps of each are registered again and
+    compared by fit. Fragments may be likely to stand `upright` in their files.
     Maps from elsewhere compete: `given` are places of the whole (d_p,) for each place of the part.
     """
     part, whole, is_small = regions[0].part, regions[0].whole, not regions[0].is_everywhere
@@ -84,50 +91,67 @@ def part_candidates(regions: Sequence[Region], given: Sequence[Integers] = ()) -
     if is_small or not (part.is_fragment and whole.is_fragment):
         return _fine_candidates(regions, sets, given=() if is_small else given)
     with portion(0.0, 0.4):
-        there = _fine_candidates(regions, sets, given=given)
+        by_landmarks = _fine_candidates(regions, sets, given=given)
     with portion(0.4, 0.8):
-        back = _fine_candidates(regions, landmark_sets(whole, PART_CANDIDATES.regions), backwards=True)
+        placed = _placed_candidates(regions[0], upright)
     # Rough maps of two fragments are less exact than those of a part of a whole: places of either are not on the other.
     most = PART_CANDIDATES.registered_again
     with portion(0.8, 1.0):
-        again = for_each(_register, there[:most] + back[:most])
-    found = sorted(again + there[most:] + back[most:], key=lambda candidate: candidate.scores["fit"])
+        again = for_each(_register, by_landmarks[:most] + placed[:most])
+    found = _by_fit(again + by_landmarks[most:] + placed[most:], upright)
     return _differing(found, len(found))
+
+
+def _by_fit(candidates: Sequence[PartCandidate], upright: bool = False) -> list[PartCandidate]:
+    """Candidates by their fit, and by how far they turn what is up if that is evidence."""
+
+    def cost(one: PartCandidate) -> float:
+        return one.scores["fit"] + (EVIDENCE_WEIGHTS[UPRIGHT] * one.scores[UPRIGHT] if upright else 0.0)
+
+    return sorted(candidates, key=cost)
 
 
 def _fine_candidates(
     regions: Sequence[Region],
     sets: Sequence[Integers],
-    backwards: bool = False,
     given: Sequence[Integers] = (),
 ) -> list[PartCandidate]:
     """The best of `rough_candidates`, registered finely."""
     with portion(0.0, 0.8):
-        rough = rough_candidates(regions, sets, PART_CANDIDATES.registered, backwards, given)
+        rough = rough_candidates(regions, sets, PART_CANDIDATES.registered, given)
     ahead = _differing(rough, PART_CANDIDATES.compared)  # some are the same by now
     with portion(0.8, 1.0):
-        compared = for_each(_register, ahead)
-    return sorted(compared, key=lambda candidate: candidate.scores["fit"])
+        return _by_fit(for_each(_register, ahead))
+
+
+def _placed_candidates(region: Region, upright: bool) -> list[PartCandidate]:
+    """Maps of a part by its rigid placements on a region, registered finely, the most likely first."""
+    with portion(0.0, 0.4):
+        placements = rigid_placements(region.part, region.whole)
+    found = [_Found(_promise(one.places, region), region, one.places, one.positions) for one in placements]
+    with portion(0.4, 0.8):
+        sifted = _by_fit(for_each(_register, found), upright)
+    with portion(0.8, 1.0):
+        return _by_fit(for_each(_register, _differing(sifted, PART_CANDIDATES.compared)), upright)
 
 
 def rough_candidates(
     regions: Sequence[Region],
     sets: Sequence[Integers],
     most: int,
-    backwards: bool = False,
     given: Sequence[Integers] = (),
 ) -> list[PartCandidate]:
     """Maps of a part to a whole, with coarse registration by the `most` promising only, the most likely first.
 
-    Regions compete. The sets are those of landmarks by which the part is searched for; backwards, they are landmarks of
-    the whole. Maps (d_p,) to the first region may be given, too.
+    Regions compete. The sets are those of landmarks by which the part is searched for. Maps (d_p,) to the first region
+    may be given, too.
     """
     for region in regions:  # computed once, before several threads need it
         _ = region.unlike, region.part.unaffected, region.whole.unaffected
 
     def search_from(task: tuple[Region, Integers]) -> list[_Found]:
         region, landmarks = task
-        return [_Found(_promise(places, region), region, places) for places in _search(landmarks, region, backwards)]
+        return [_Found(_promise(places, region), region, places) for places in _search(landmarks, region)]
 
     tasks = [(region, landmarks) for region in regions for landmarks in sets]
     with portion(0.0, 0.5):
@@ -135,8 +159,7 @@ def rough_candidates(
     others = [_Found(_promise(places, regions[0]), regions[0], places) for places in given]
     ahead = _differing([*others, *_differing(found, most)], len(found) + len(others))
     with portion(0.5, 1.0):
-        sifted = for_each(_register, ahead)
-    return sorted(sifted, key=lambda candidate: candidate.scores["fit"])
+        return _by_fit(for_each(_register, ahead))
 
 
 def _differing(maps: Sequence[_Map], most: int) -> list[_Map]:
@@ -157,19 +180,12 @@ def landmark_sets(part: IncompleteShape, regions: int) -> list[Integers]:
     return [landmarks_of(part, PART_CANDIDATES.landmarks), *(landmarks_of(part, in_region, each) for each in around)]
 
 
-def _search(landmarks: Integers, region: Region, backwards: bool) -> list[Integers]:
-    """(d_p,) the place of the whole for each place of the part, by several placements of landmarks of the part.
-
-    Backwards, the landmarks are those of the whole, which are placed on the part.
-    """
+def _search(landmarks: Integers, region: Region) -> list[Integers]:
+    """(d_p,) the place of the whole for each place of the part, by several placements of landmarks of the part."""
     part, whole, unlike = region.part, region.whole, region.unlike
-    if backwards:
-        placed = assignments(landmarks, unlike.T, whole, part)
-        pairs = [(placed[i], landmarks) for i in distinct(placed, part)]
-    else:
-        placed = assignments(landmarks, unlike, part, whole)
-        pairs = [(landmarks, placed[i]) for i in distinct(placed, whole)]
-    few = sorted((place_few(*pair, unlike, part, whole) for pair in pairs), key=lambda places: _promise(places, region))
+    placed = assignments(landmarks, unlike, part, whole)
+    few = [place_few(landmarks, placed[i], unlike, part, whole) for i in distinct(placed, whole)]
+    few.sort(key=lambda places: _promise(places, region))
     return [place_all(places, unlike, part, whole) for places in few[: PART_CANDIDATES.extended]]
 
 
@@ -218,14 +234,16 @@ def _promise(places: Integers, region: Region) -> float:
 def _register(one: _Found | PartCandidate) -> PartCandidate:
     """A map after its part is registered by it: coarsely at first, and then finely."""
     part, whole = one.region.part, one.region.whole
+    start: Floats | None
     if isinstance(one, PartCandidate):
-        levels, begun, scores = PART_REGISTRATION.fine, one.registered, one.scores
+        levels, start, scores = PART_REGISTRATION.fine, one.registered.positions, one.scores
     else:
-        levels, begun, scores = PART_REGISTRATION.coarse, None, {"promise": one.promise}
-    registered = register_part(one.places, part, whole, levels, begun)
+        levels = PART_REGISTRATION.coarse if one.start is None else PART_REGISTRATION.placed
+        start, scores = one.start, {"promise": one.promise}
+    registered = register_part(one.places, part, whole, levels, start)
     at = part.shape.search.samples[: len(part.between)]
     places = whole.shape.voronoi_cell[registered.closest.vertex[at]]
-    return PartCandidate(one.region, places, registered, scores | _fit(registered, part))
+    return PartCandidate(one.region, places, registered, scores | _fit(registered, part), one.start)
 
 
 def register_places(places: Integers, region: Region) -> PartCandidate:
@@ -234,9 +252,14 @@ def register_places(places: Integers, region: Region) -> PartCandidate:
 
 
 def _fit(registered: RegisteredPart, part: IncompleteShape) -> dict[str, float]:
-    """The scores of a registered part, its fit, of which the lowest is the most likely, and its area on the whole."""
+    """The scores of a registered part, its fit, of which the lowest is the most likely, and its area on the whole.
+
+    As evidence on what is up, one minus the mean cosine between an axis along which shapes stand and its image.
+    """
     areas = part.shape.basis.areas
     scores = registered.scores(areas)
     fit = np.log(scores["normals"] + 0.01) + PART_CANDIDATES.strain * np.log(scores["strain"] + 0.02)
     fit -= PART_CANDIDATES.beyond * np.log(max(1 - scores["beyond"], 1e-3))
-    return scores | {"fit": float(fit), "extent": float(areas.sum() * (1 - scores["beyond"]))}
+    kept_up = (areas @ registered.rotations[:, UP_AXES, UP_AXES]).max() / areas.sum()
+    extent = areas.sum() * (1 - scores["beyond"])
+    return scores | {"fit": float(fit), "extent": float(extent), UPRIGHT: float(1 - kept_up)}

@@ -16,14 +16,14 @@ from zoomout_core.maps.zoomout import slanted_sizes
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.partial.incomplete_shape import IncompleteShape, at_scale
 from zoomout_core.matching.partial.part_candidates import PartCandidate, images_apart, part_candidates
-from zoomout_core.matching.partial.part_registration import RegisteredPart, register_part
+from zoomout_core.matching.partial.part_registration import PART_REGISTRATION, RegisteredPart, register_part
 from zoomout_core.matching.partial.region import REGION, Region, find_regions, is_small
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 from zoomout_core.matching.ranking.rank import CERTAINTY, Candidate
-from zoomout_core.matching.ranking.scores import EVIDENCE_WEIGHTS, Disagreement, no_disagreement
+from zoomout_core.matching.ranking.scores import EVIDENCE_WEIGHTS, UPRIGHT, Disagreement, no_disagreement
 from zoomout_core.matching.refinement.confidence import Partners
 from zoomout_core.matching.registration.correspondences import Surroundings
-from zoomout_core.matching.registration.nonrigid_icp import NONRIGID_SCHEDULE, Fit
+from zoomout_core.matching.registration.nonrigid_icp import NONRIGID_SCHEDULE, Fit, Level
 from zoomout_core.runtime.progress import portion
 from zoomout_core.tuning import Tuning, tuned
 
@@ -63,6 +63,10 @@ class PartMatchTuning(Tuning, set_by="partial"):
 
 
 PART_MATCH = PartMatchTuning()
+# The schedules for the map of two fragments, for one that is placed rigidly, and before it. Nothing pulls what has no
+# partner: by a small weight, all of it would come to lie on the other fragment, where it hides the true partners.
+PLACED_SCHEDULE = tuple(level._replace(min_weight=0.0) for level in PART_REGISTRATION.placed)
+FRAGMENT_SCHEDULE = tuple(level._replace(min_weight=0.0) for level in NONRIGID_SCHEDULE)
 
 
 def may_be_part(pair: Pair) -> bool:
@@ -110,9 +114,12 @@ def are_fragments(pair: Pair) -> bool:
 
 
 def match_part(
-    pair: Pair, disagreement: Disagreement = no_disagreement, given: Sequence[Integers] = ()
+    pair: Pair, disagreement: Disagreement = no_disagreement, given: Sequence[Integers] = (), upright: bool = False
 ) -> list[Candidate]:
-    """Candidates for a pair in one unit, the most likely first; given maps (d_p,) of the part's places compete."""
+    """Candidates for a pair in one unit, the most likely first; given maps (d_p,) of the part's places compete.
+
+    Two fragments may be likely to stand `upright` in their files; a small part, such as a hand, may point anywhere.
+    """
     part, whole = part_of(pair)
     regions: list[Region] = []
     if is_small(part, whole):
@@ -120,9 +127,10 @@ def match_part(
             regions = find_regions(part, whole)
     if not regions:  # faces of a soup reach across all regions
         regions = [Region.everywhere(IncompleteShape(part), IncompleteShape(whole))]
+    upright = upright and regions[0].is_everywhere
     with portion(0.2, 1.0):
-        found = part_candidates(regions, given)
-    candidates = [_candidate(one, pair, disagreement) for one in found]
+        found = part_candidates(regions, given, upright)
+    candidates = [_candidate(one, pair, disagreement, upright) for one in found]
     candidates.sort(key=lambda candidate: candidate.scores["total"])
     return [replace(each, certainty=_certainty(each, candidates)) for each in candidates]
 
@@ -153,8 +161,12 @@ def fit_part(pair: Pair, candidate: Candidate) -> PartFit:
     """Register the part of a pair in one unit to the whole by a candidate."""
     assert candidate.part_match is not None
     part, whole = part_of(pair)
-    region = candidate.part_match.region
-    in_region = register_part(candidate.part_match.places, region.part, region.whole, NONRIGID_SCHEDULE)
+    one, region, start = candidate.part_match, candidate.part_match.region, None
+    schedule: Sequence[Level] = NONRIGID_SCHEDULE
+    if region.is_everywhere and are_fragments(pair):
+        start = one.registered.positions if one.start is None else one.start
+        schedule = FRAGMENT_SCHEDULE if one.start is None else (*PLACED_SCHEDULE, *FRAGMENT_SCHEDULE)
+    in_region = register_part(one.places, region.part, region.whole, schedule, start)
     registered = region.carry(in_region)
     residual = PART_MATCH.residual * region.unit
     of_part = (registered.residual < residual) & (registered.agreement > 0) & registered.is_near
@@ -177,7 +189,7 @@ def _on_part(
     return found, (distance < residual) & facing
 
 
-def _candidate(one: PartCandidate, pair: Pair, disagreement: Disagreement) -> Candidate:
+def _candidate(one: PartCandidate, pair: Pair, disagreement: Disagreement, upright: bool) -> Candidate:
     """The map of a part as one of the pair; how certain it is, its rivals will tell."""
     source, target = pair.source_shape, pair.target_shape
     part, whole = part_of(pair)
@@ -191,6 +203,8 @@ def _candidate(one: PartCandidate, pair: Pair, disagreement: Disagreement) -> Ca
     functional_map = target.search.fit(source.search.rows[sample_map, :k_source], k_target)
     reverse = source.search.fit(target.search.rows[back, :k_target], k_source)
     against = disagreement(functional_map, sample_map, None)
+    if upright:
+        against |= {UPRIGHT: one.scores[UPRIGHT]}
     total = one.scores["fit"] + sum(EVIDENCE_WEIGHTS[name] * value for name, value in against.items())
     maps, scores = (functional_map, reverse, sample_map), one.scores | against | {"total": total}
     return Candidate("one shape as a part of the other", False, False, *maps, None, None, 0.0, scores, one)

@@ -31,6 +31,10 @@ class PartRegistrationTuning(Tuning, set_by="partial"):
     image_functions: int = tuned(60, "eigenfunctions", 4, 1000)  # of the part, for smoothing images
     # The schedule for sifting candidates.
     coarse: tuple[Level, ...] = tuned((Level(40, 1.0, 0.3, 1), Level(40, 0.01, 0.3, 5)), "nodes, 1, 1, rounds", 0, 1000)
+    # The schedule for sifting rigid placements: surfaces are about as far apart as the robust scales.
+    placed: tuple[Level, ...] = tuned(
+        (Level(40, 0.1, 0.3, 3, 0.1), Level(40, 0.02, 0.3, 3, 0.05)), "nodes, 1, 1, rounds, length", 0, 1000
+    )
     # The following schedule, for comparing the remaining ones.
     fine: tuple[Level, ...] = tuned((Level(100, 1.0, 0.3, 1), Level(100, 0.02, 0.3, 4)), "nodes, 1, 1, rounds", 0, 1000)
 
@@ -73,18 +77,16 @@ def register_part(
     part: IncompleteShape,  # the shape that is deformed
     whole: IncompleteShape,  # the shape that it is registered with
     levels: Sequence[Level],
-    begun: RegisteredPart | None = None,  # the part, registered by this map with fewer nodes, as the start
+    start: Floats | None = None,  # (n, 3) the part's vertices, placed before; by default, this map places them
 ) -> RegisteredPart:
     """Register a part with a whole."""
     here, there = part.shape, whole.shape
     vertex = there.search.samples[places]
     rest, normals = here.mesh.vertices, here.mesh.vertex_normals
-    if begun is None:
+    if start is None:
         count = min(PART_REGISTRATION.image_functions, here.search.rows.shape[1])
         images = here.search.fit(there.mesh.vertices[vertex[here.nearest_distance_sample]], count)
         start = align(images, here, ALIGNMENT_WIDTH, mirrored=False).positions
-    else:
-        start = begun.positions
     place, is_cut = here.voronoi_cell, whole.cut_distance_of_vertices == 0
     around, limit = Surroundings.of(there), GeodesicLimit(vertex[place], there, is_cut)
     graph = bend(rest, normals, start, around, limit, here, levels, is_part=True)

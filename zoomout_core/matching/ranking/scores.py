@@ -25,6 +25,8 @@ from zoomout_core.tuning import Tuning, tuned
 IN_SPACE = "place in space"
 # Name of the disagreement with shapes that stand upright in their files.
 UPRIGHT = "upright"
+# Axes of a file along which a shape may stand: y in formats for games, z in those for modelling and printing.
+UP_AXES = [1, 2]
 # Name of the energy of a finished map, which only the most likely candidates have (see `finished_maps.py`).
 ENERGY = "energy"
 # Name of the number of triangles that a finished map tears.

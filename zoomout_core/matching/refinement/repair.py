@@ -110,7 +110,7 @@ class _Images(NamedTuple):
 class _Meshes:
     """The working meshes of a pair, prepared once to fill in any of its maps."""
 
-    def __init__(self, pair: Pair) -> None:
+    def __init__(self, pair: Pair, has_partner: Booleans | None = None) -> None:
         self.source, self.target = pair.source.working, pair.target.working
         # (n_s, 6 + d) the features of the source's vertices, see `_Images`.
         places = self.source.vertices, self.source.vertex_normals, _marks(pair.source, pair.source_shape)
@@ -118,9 +118,13 @@ class _Meshes:
         # (m_surface,) the working triangle of each triangle of the source's surface.
         self.triangle_number = np.zeros(len(pair.source.triangles), dtype=np.int64)
         self.triangle_number[self.source.triangle_of] = np.arange(len(self.source.triangles))
+        known = np.ones(len(self.target.vertices), dtype=bool)
+        if has_partner is not None:
+            known[self.target.vertex_of[self.target.vertex_of >= 0]] = has_partner[self.target.vertex_of >= 0]
         self.edges, _ = unique_edges(self.target.triangles)  # (e, 2) of the target
+        self.known = known[self.edges].all(axis=1)  # (e,) which of them join vertices with a partner, and can be torn
         self.length = edge_lengths(self.target.vertices, self.edges)  # (e,)
-        self.areas = vertex_areas(self.target.vertices, self.target.triangles)  # (n,)
+        self.areas = vertex_areas(self.target.vertices, self.target.triangles) * known  # (n,) of vertices with one
         self.fixed = np.zeros(len(self.areas), dtype=bool)  # (n,) vertices at exact landmarks
         if pair.exact_landmarks is not None:
             used = np.flatnonzero(self.target.vertex_of >= 0)
@@ -158,13 +162,15 @@ class _Meshes:
         return search_tree(places), on
 
 
-def repair(pair: Pair, surface_map: SurfaceMap) -> Repair:
+def repair(pair: Pair, surface_map: SurfaceMap, has_partner: Booleans | None = None) -> Repair:
     """Rematch branches that are on the wrong branch, and fill in torn places; exact landmarks keep their images.
+
+    Of a part, only vertices that have a partner (n_t,) can be torn apart: others have their images anywhere.
 
     Bases of rematched branches may show further wrong branches, and what a filling leaves torn is filled in again, from
     surroundings that have become smoother.
     """
-    meshes, of_both = _Meshes(pair), branches_of(pair)
+    meshes, of_both = _Meshes(pair, has_partner), branches_of(pair)
     branches = filled = np.zeros(len(pair.target.vertices), dtype=bool)
     connected = np.ones(len(branches))
     images = meshes.images_by(surface_map)
@@ -200,16 +206,17 @@ def _fill_torn(
     """
     source, target, edges = meshes.source, meshes.target, meshes.edges
     member = target.surface_vertex
-    limit = REPAIR.max_stretch * float(np.median(length / np.maximum(meshes.length, SMALLEST)))
-    torn = _torn(length, meshes.length, limit)
-    seams = _torn(length, meshes.length, limit * REPAIR.seam / REPAIR.max_stretch)
+    known = meshes.known if meshes.known.any() else np.ones(len(edges), dtype=bool)
+    limit = REPAIR.max_stretch * float(np.median((length / np.maximum(meshes.length, SMALLEST))[known]))
+    torn = _torn(length, meshes.length, limit) & meshes.known
+    seams = _torn(length, meshes.length, limit * REPAIR.seam / REPAIR.max_stretch) & meshes.known
     connected = _connected_share(meshes, seams)
     filled = ((_to_fill(meshes, torn) & ~branches[member]) | bases[member]) & ~meshes.fixed
     if filled.any():
         beside = filled[edges].any(axis=1)  # edges that the filling changes
         _fill(images, filled, meshes, beside, limit / REPAIR.max_stretch * meshes.length[beside])
         length[beside] = _lengths(images.features, edges[beside])
-        torn = _torn(length, meshes.length, limit)
+        torn = _torn(length, meshes.length, limit) & meshes.known
     at_torn = np.zeros(len(filled), dtype=bool)
     at_torn[edges[torn]] = True
     vertex_of = target.vertex_of
@@ -309,7 +316,7 @@ def _connected_share(meshes: _Meshes, torn: Booleans) -> Floats:
     It is 1 on pieces of a component without a tear, even if they only touch the others.
     """
     edges, areas, component = meshes.edges, meshes.areas, meshes.target.component
-    patch = components(edges[~torn], len(areas))
+    patch = components(edges[meshes.known & ~torn], len(areas))
     component_area = np.bincount(component, areas)[component]
     share = np.bincount(patch, areas)[patch] / np.maximum(component_area, SMALLEST)
     is_torn = np.zeros(len(areas), dtype=bool)  # by patch

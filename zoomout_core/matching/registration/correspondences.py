@@ -98,6 +98,8 @@ def residuals(
     around: Surroundings,
     limit: GeodesicLimit,  # on geodesic distances from the first map
     sliding: float,  # see `Level`
+    robust_scale: float = ROBUST_SCALE,  # see `Level`
+    min_weight: float = MIN_WEIGHT,  # see `Level`
 ) -> tuple[Integers, Floats, Floats]:
     """Residuals of closest points in both directions, for `DeformationGraph.step`.
 
@@ -115,8 +117,8 @@ def residuals(
     beyond = limit.exceeds_geodesic_limit(vertex, np.concatenate([found.vertex, there.vertex]))
     residual = partner - positions[vertex]
     agreement = np.einsum("qx,qx->q", normals[vertex], partner_normal)
-    trust = np.clip(agreement, 0, 1) / (1 + (np.linalg.norm(residual, axis=1) / ROBUST_SCALE) ** 2) ** 2
-    trust = np.where(beyond, MIN_WEIGHT, np.maximum(trust, MIN_WEIGHT))
+    trust = np.clip(agreement, 0, 1) / (1 + (np.linalg.norm(residual, axis=1) / robust_scale) ** 2) ** 2
+    trust = np.where(beyond, min_weight, np.maximum(trust, min_weight))
     across = partner_normal[:, :, None] * partner_normal[:, None]
     weight = np.sqrt(sliding) * np.eye(3) + (np.sqrt(1 + sliding) - np.sqrt(sliding)) * across
     return vertex, residual, np.sqrt(np.concatenate([here.areas, there.areas]) * trust)[:, None, None] * weight

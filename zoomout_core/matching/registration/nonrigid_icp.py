@@ -24,7 +24,14 @@ from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 from zoomout_core.matching.preparation.proxy import Proxy, carry
 from zoomout_core.matching.refinement.confidence import spectral_distance
 from zoomout_core.matching.refinement.local_rigid_alignment import RIGID_ALIGNMENT, align
-from zoomout_core.matching.registration.correspondences import GeodesicLimit, QueryPoints, Surroundings, residuals
+from zoomout_core.matching.registration.correspondences import (
+    MIN_WEIGHT,
+    ROBUST_SCALE,
+    GeodesicLimit,
+    QueryPoints,
+    Surroundings,
+    residuals,
+)
 from zoomout_core.matching.registration.deformation_graph import DeformationGraph, Nodes
 from zoomout_core.matching.registration.rigid_icp import rigid_vertices, settle
 from zoomout_core.runtime.progress import advance, portion
@@ -40,6 +47,8 @@ class Level(NamedTuple):
     sliding: float  # weight of a residual along the surface against one across it; 1 if goals are points, not surfaces
     stiffness: float  # weight of the difference of neighbouring nodes
     rounds: int  # maximum number of Gauss-Newton steps
+    robust_scale: float = ROBUST_SCALE  # residual, at unit area, from which a correspondence hardly counts
+    min_weight: float = MIN_WEIGHT  # smallest weight of a correspondence, also of a rejected one
 
 
 # Diffusion length, at unit area, that smooths the images to which the target is aligned first.
@@ -124,7 +133,7 @@ def bend(
 ) -> DeformationGraph:
     """Fit the deformation graph that registers a target to a source."""
     graph = None
-    for i, (count, sliding, stiffness, rounds) in enumerate(levels):
+    for i, (count, sliding, stiffness, rounds, robust_scale, min_weight) in enumerate(levels):
         count = min(count, len(target.distances))
         if graph is None or len(graph.nodes.vertex) != count:
             nodes = Nodes.on(target, count)
@@ -139,7 +148,8 @@ def bend(
                 weight = np.sqrt(here.areas)[:, None, None] * np.eye(3)
                 motion = graph.step(here.vertex, (goal - positions)[here.vertex], weight, stiffness, False)
             else:
-                motion = graph.step(*residuals(positions, turned, here, there, around, limit, sliding), stiffness, True)
+                pulls = residuals(positions, turned, here, there, around, limit, sliding, robust_scale, min_weight)
+                motion = graph.step(*pulls, stiffness, True)
             if motion < CONVERGED_MOTION:
                 break
     assert graph is not None

@@ -5,10 +5,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from creatures import creature
-from pieces import PartAndWhole, analyse_piece, piece_of
+from pieces import PartAndWhole
 
-from zoomout_core.matching.partial.incomplete_shape import INCOMPLETE, IncompleteShape
 from zoomout_core.matching.partial.part_candidates import (
     PART_CANDIDATES,
     PartCandidate,
@@ -68,26 +66,3 @@ def test_landmark_sets_cover_the_part_and_single_regions(lower: PartAndWhole) ->
     assert [len(each) for each in regions] == [PART_CANDIDATES.landmarks_in_region] * PART_CANDIDATES.regions
     width = [np.mean(lower.part.between[np.ix_(each, each)]) for each in (spread, *regions)]
     assert max(width[1:]) < width[0]
-
-
-@pytest.mark.slow
-def test_fragments_are_searched_in_both_directions() -> None:
-    bent, rest = creature(1100, seed=1, bend=0.5, asymmetry=0.3), creature(1000, seed=0, asymmetry=0.3)
-    made_part = piece_of(bent, bent.directions @ [0.16, 0.14, -0.98] > -0.01)
-    made_whole = piece_of(rest, rest.directions @ [0.87, -0.08, -0.49] > -0.24)
-    shapes = analyse_piece(made_part), analyse_piece(made_whole)
-    has_partner = made_part.directions @ [0.87, -0.08, -0.49] > -0.14
-    errors = {}
-    for fragment in (INCOMPLETE.fragment, 100.0):
-        with (
-            retune(INCOMPLETE, fragment=fragment),
-            retune(PART_CANDIDATES, regions=1, registered=4, compared=2),
-        ):
-            pair = PartAndWhole(made_part, made_whole, *(IncompleteShape(shape) for shape in shapes))
-            found = part_candidates([pair.everywhere])
-        errors[fragment] = np.median(pair.errors(found[0].registered.closest.vertex[has_partner], has_partner))
-        for number, one in enumerate(found):
-            for other in found[:number]:
-                assert images_apart(one, other) > PART_CANDIDATES.same_map
-    assert errors[INCOMPLETE.fragment] < 0.05
-    assert errors[100.0] > 0.2

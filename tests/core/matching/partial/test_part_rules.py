@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
@@ -43,7 +44,7 @@ from zoomout_core.matching.partial.part_match import (
 from zoomout_core.matching.partial.part_registration import PART_REGISTRATION, RegisteredPart, register_part
 from zoomout_core.matching.partial.region import Region
 from zoomout_core.matching.ranking.rank import Candidate
-from zoomout_core.matching.ranking.scores import EVIDENCE_WEIGHTS
+from zoomout_core.matching.ranking.scores import EVIDENCE_WEIGHTS, UPRIGHT
 from zoomout_core.matching.refinement.dense_map import dense_map
 from zoomout_core.runtime.progress import advance
 from zoomout_core.tuning import retune
@@ -199,10 +200,7 @@ def test_most_promising_of_similar_maps_is_kept(lower: PartAndWhole, monkeypatch
     assert [one is expected for one, expected in zip(found, (nearly, off, other), strict=True)] == [True] * 3
 
 
-@pytest.mark.parametrize("backwards", [False, True])
-def test_assignments_are_extended_by_promise_not_by_cost(
-    lower: PartAndWhole, monkeypatch: pytest.MonkeyPatch, backwards: bool
-) -> None:
+def test_assignments_are_extended_by_promise_not_by_cost(lower: PartAndWhole, monkeypatch: pytest.MonkeyPatch) -> None:
     few = LANDMARK_MAPS.landmarks
     worst = [np.full(few, number) for number in range(6)]
     right = lower.true_places()[:few]
@@ -210,11 +208,9 @@ def test_assignments_are_extended_by_promise_not_by_cost(
     placed = np.arange(len(starts))[:, None]
     monkeypatch.setattr(candidates_module, "assignments", lambda *_: placed)
     monkeypatch.setattr(candidates_module, "distinct", lambda *_: list(range(len(starts))))
-    monkeypatch.setattr(
-        candidates_module, "place_few", lambda here, there, *_: starts[int((here if backwards else there)[0])]
-    )
+    monkeypatch.setattr(candidates_module, "place_few", lambda _, there, *__: starts[int(there[0])])
     with retune(PART_CANDIDATES, extended=1):
-        (found,) = _search(np.zeros(1, dtype=int), lower.everywhere, backwards)
+        (found,) = _search(np.zeros(1, dtype=int), lower.everywhere)
     assert lower.whole.between[found, lower.true_places()].mean() < 0.1
 
 
@@ -247,15 +243,19 @@ def test_best_fragment_maps_of_both_searches_are_registered_again(
         return replace(one, scores={"fit": one.scores["fit"] - (3.5 if one in there[1:] else 0.0)})
 
     there = [of_places(1.0, 0, 1), of_places(4.0, 2, 3), of_places(5.0, 3, 2)]  # the last one is not registered again
-    back = [of_places(2.0, 1, 0), of_places(3.0, 0, 1)]
+    rigid = [of_places(2.0, 1, 0), of_places(3.0, 0, 1)]
 
-    def fine_candidates(*_: object, backwards: bool = False, given: object = None) -> list[PartCandidate]:
-        for fraction in (0.0, 0.5, 1.0):
-            advance(fraction)
-        return back if backwards else there
+    def found_by(candidates: list[PartCandidate]) -> Callable[..., list[PartCandidate]]:
+        def search(*_: object, **__: object) -> list[PartCandidate]:
+            for fraction in (0.0, 0.5, 1.0):
+                advance(fraction)
+            return candidates
+
+        return search
 
     monkeypatch.setattr(candidates_module, "landmark_sets", lambda *_: [])
-    monkeypatch.setattr(candidates_module, "_fine_candidates", fine_candidates)
+    monkeypatch.setattr(candidates_module, "_fine_candidates", found_by(there))
+    monkeypatch.setattr(candidates_module, "_placed_candidates", found_by(rigid))
     monkeypatch.setattr(candidates_module, "_register", registered)
     result, reports = reports_of(lambda: part_candidates([region]))
     fractions = [report.fraction for report in reports]
@@ -287,6 +287,30 @@ def test_map_of_whole_shapes_gives_the_places_of_a_part(lower: PartAndWhole, par
     as_wholes: Any = SimpleNamespace(sample_map=true if part_is_target else of_whole)
     places = places_of(as_wholes, surface_and_shapes(lower, part_is_target))
     assert whole.between[places, true].mean() < 0.05
+
+
+@pytest.mark.parametrize("upright", [False, True])
+def test_what_is_up_is_evidence_between_fragments_that_stand(
+    lower: PartAndWhole, monkeypatch: pytest.MonkeyPatch, upright: bool
+) -> None:
+    made = _register(_Found(0.0, lower.everywhere, lower.true_places()))
+    made = replace(made, scores=made.scores | {UPRIGHT: 0.6})
+    monkeypatch.setattr(part_match, "part_candidates", lambda *_: [made])
+    (one,) = match_part(surface_and_shapes(lower), upright=upright)
+    expected = made.scores["fit"] + (0.6 * EVIDENCE_WEIGHTS[UPRIGHT] if upright else 0.0)
+    assert one.scores["total"] == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("is_everywhere", [True, False])
+def test_a_small_part_may_point_anywhere(
+    lower: PartAndWhole, monkeypatch: pytest.MonkeyPatch, is_everywhere: bool
+) -> None:
+    given, region = [], SimpleNamespace(is_everywhere=is_everywhere)
+    monkeypatch.setattr(part_match, "is_small", lambda *_: True)
+    monkeypatch.setattr(part_match, "find_regions", lambda *_: [region])
+    monkeypatch.setattr(part_match, "part_candidates", lambda *those: given.append(those[-1]) or [])
+    assert match_part(surface_and_shapes(lower), upright=True) == []
+    assert given == [is_everywhere]
 
 
 def candidate(
@@ -354,7 +378,7 @@ def test_constant_function_maps_to_itself_at_unit_area(
 def test_candidate_maps_target_samples_to_true_source_samples(lower: PartAndWhole, part_is_target: bool) -> None:
     one = _register(_Found(0.0, lower.everywhere, lower.true_places()))
     pair = surface_and_shapes(lower, part_is_target)
-    found = _candidate(one, pair, lambda *_: {})
+    found = _candidate(one, pair, lambda *_: {}, upright=False)
     assert not found.mirrored
     assert not found.reverses_orientation
     target, source = pair.target_shape, pair.source_shape

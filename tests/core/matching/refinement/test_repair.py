@@ -63,6 +63,18 @@ def test_patch_mapped_to_the_other_side_is_repaired(pair, truth, resting, bent) 
     assert found.filled[patch].all()
 
 
+def test_vertices_without_a_partner_tear_no_others(pair, truth) -> None:
+    """Images of vertices that only one fragment has are on cuts, and no evidence against the others."""
+    alone = pair.target.vertices[:, 2] > np.quantile(pair.target.vertices[:, 2], 0.3)
+    cut = int(np.argmin(pair.source.vertices[:, 2]))
+    partial = send(truth, np.flatnonzero(alone), np.full(np.count_nonzero(alone), cut), pair)
+    found, unaware = repair(pair, partial, ~alone), repair(pair, partial)
+    assert found.connected[~alone].min() > 0.9
+    assert not found.torn.any()
+    assert np.median(unaware.connected[~alone]) < 0.5
+    np.testing.assert_array_equal(found.surface_map.vertex[~alone], truth.vertex[~alone])
+
+
 def test_map_without_tears_is_unchanged(pair, truth) -> None:
     found = repair(pair, truth)
     untouched = ~found.filled

@@ -26,6 +26,7 @@ def strengths(
     off: float = 0.0,
     facing: float = 1.0,
     sliding: float = 0.02,
+    **of_level: float,
 ) -> np.ndarray:
     """(p,) strength of attraction per area of target places to the source, which is the same shape."""
     n = len(shape.mesh.vertices)
@@ -34,7 +35,7 @@ def strengths(
     normals = shape.mesh.vertex_normals
     around = Surroundings.of(shape)
     positions = shape.mesh.vertices + off * normals
-    _, _, weight = residuals(positions, facing * normals, places, places, around, limit, sliding)
+    _, _, weight = residuals(positions, facing * normals, places, places, around, limit, sliding, **of_level)
     return np.linalg.norm(weight[: len(places.vertex)], axis=(1, 2)) / np.sqrt(places.areas)
 
 
@@ -73,6 +74,14 @@ def test_partners_with_opposite_normals_hardly_attract(shape: ShapeAnalysis) -> 
     against, along = strengths(shape, facing=-1.0), strengths(shape)
     assert np.median(against) < 0.1 * np.median(along)
     assert against.min() > 0
+
+
+def test_a_level_says_from_where_on_and_whether_at_all_a_partner_hardly_draws(shape: ShapeAnalysis) -> None:
+    wider = np.median(strengths(shape, off=0.12, robust_scale=0.12))
+    assert wider > 5 * np.median(strengths(shape, off=0.12))
+    elsewhere = np.full(len(TAIL), int(np.argmax(shape.distances[0])))
+    assert strengths(shape, elsewhere).min() > 0
+    assert strengths(shape, elsewhere, min_weight=0.0).min() == 0
 
 
 @pytest.mark.parametrize("sliding", [0.01, 0.3])

@@ -1,0 +1,176 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Rigid placements of one of two fragments on the other, by which their surfaces overlap.
+
+Animals of other species have other distances between their landmarks, and two fragments may share no tip. But where
+they overlap, they are nearly in the same pose. For each of some rotations, pairs of places with similar normals vote
+for a shift (a Hough transform; Ballard, Generalizing the Hough transform to detect arbitrary shapes, 1981). The
+placements with the most votes are refined by rigid ICP (Besl and McKay, A method for registration of 3-D shapes, 1992),
+and ranked by the overlap. Unlike a map of all places, a placement does not pull what has no partner onto the other
+fragment.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
+
+from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.geometry.procrustes import procrustes
+from zoomout_core.matching.partial.incomplete_shape import IncompleteShape
+from zoomout_core.tuning import Tuning, tuned
+
+
+@dataclass(frozen=True)
+class RigidPlacementTuning(Tuning, set_by="official"):
+    """How placements are found; lengths are those of the larger shape at unit area."""
+
+    rotations: int = tuned(600, "rotations", 1, 100_000)  # number of rotations that are tried, about 25 degrees apart
+    refined: int = tuned(150, "placements", 1, 100_000)  # number of placements with the most votes, which are refined
+    kept: int = tuned(16, "placements", 1, 1000)  # number of placements that differ, by which the part is registered
+    apart: float = tuned(0.12, "length", 0, 10)  # minimum mean distance between the positions of placements that differ
+
+
+RIGID_PLACEMENTS = RigidPlacementTuning()
+# Votes are counted in cells of this width, about the distance between two places, and only those of pairs of places
+# whose normals have this cosine or more: the rotations tried are off by up to 15 degrees, and shapes differ.
+CELL, FACING = 0.1, 0.75
+# Cells of each rotation that become placements.
+CELLS_PER_ROTATION = 2
+# Refinement: rounds, and the scale s, in length, of the weight 1 / (1 + (r / s)^2)^2 of a distance r.
+ROUNDS, ROBUST_SCALE = 5, 0.08
+# Distance in length that equals a unit difference of normals, in the search for nearest places.
+NORMAL_WEIGHT = 0.2
+# Two places overlap within this distance in length, and from this cosine of their normals on.
+NEAR, AGREEING = 0.1, 0.5
+# A place whose nearest place is within this distance in length from a cut may have no partner.
+NEAR_CUT = 0.06
+# Areas are at least this, relative to the larger shape's, in the ranking.
+MIN_AREA = 0.02
+# Minimum number of places that overlap.
+MIN_PLACES = 4
+
+
+class Placement(NamedTuple):
+    """A rigid placement of a part on a whole."""
+
+    rank: float  # how little speaks for it: the lowest is the best
+    positions: Floats  # (n, 3) the part's vertices in the whole's frame
+    places: Integers  # (d_p,) for each place of the part the nearest place of the whole with a similar normal
+
+
+class _Places(NamedTuple):
+    """Places of a shape."""
+
+    points: Floats  # (d, 3)
+    normals: Floats  # (d, 3)
+    areas: Floats  # (d,) area that is nearest to each
+    cut_distance: Floats  # (d,) to the nearest cut
+
+    @classmethod
+    def of(cls, shape: IncompleteShape) -> _Places:
+        mesh, at = shape.shape.mesh, shape.shape.search.samples[: len(shape.between)]
+        return cls(mesh.vertices[at], mesh.vertex_normals[at], shape.areas, shape.cut_distance)
+
+    def moved(self, rotation: Floats, shift: Floats) -> _Places:
+        """The places after a rigid motion."""
+        return self._replace(points=self.points @ rotation.T + shift, normals=self.normals @ rotation.T)
+
+    def with_normals(self) -> Floats:
+        """(d, 6) points and scaled normals, to search for near places with similar normals."""
+        return np.hstack([self.points, NORMAL_WEIGHT * self.normals])
+
+
+def rotations(count: int) -> Floats:
+    """(count, 3, 3) rotations spread evenly (Alexa, Super-Fibonacci spirals, 2022)."""
+    step = np.arange(count) + 0.5
+    inner, outer = np.sqrt(step / count), np.sqrt(1 - step / count)
+    # The constants of the paper: the square root of two, and the positive root of x^4 = x + 4.
+    first, second = 2 * np.pi * step / np.sqrt(2), 2 * np.pi * step / 1.533751168755204288118041
+    parts = inner * np.sin(first), inner * np.cos(first), outer * np.sin(second), outer * np.cos(second)
+    return np.asarray(Rotation.from_quat(np.column_stack(parts)).as_matrix())
+
+
+def rigid_placements(part: IncompleteShape, whole: IncompleteShape) -> list[Placement]:
+    """Placements of a part on a whole that differ, the best first."""
+    here, there = _Places.of(part), _Places.of(whole)
+    tree = cKDTree(there.with_normals())
+    found = []
+    for rotation, shift in _voted(here, there):
+        rotation, shift = _refine(rotation, shift, here, there, tree)
+        placed = here.moved(rotation, shift)
+        rank, places = _rank(placed, there, tree)
+        found.append((rank, rotation, shift, placed.points, places))
+    found.sort(key=lambda one: one[0])
+    kept: list[Placement] = []
+    points_of_kept: list[Floats] = []
+    vertices = part.shape.mesh.vertices
+    for rank, rotation, shift, points, places in found:
+        apart = [np.linalg.norm(points - other, axis=1).mean() for other in points_of_kept]
+        if np.isfinite(rank) and min(apart, default=np.inf) > RIGID_PLACEMENTS.apart:
+            kept.append(Placement(rank, vertices @ rotation.T + shift, places))
+            points_of_kept.append(points)
+        if len(kept) == RIGID_PLACEMENTS.kept:
+            break
+    return kept
+
+
+def _voted(here: _Places, there: _Places) -> list[tuple[Floats, Floats]]:
+    """Rotations and shifts with the most votes of pairs of places, each by the root of the product of their areas."""
+    weights = np.sqrt(np.outer(here.areas, there.areas))
+    found = []
+    for rotation in rotations(RIGID_PLACEMENTS.rotations):
+        turned = here.moved(rotation, np.zeros(3))
+        first, second = np.nonzero(turned.normals @ there.normals.T > FACING)
+        shifts = there.points[second] - turned.points[first]
+        cells = ((shifts - shifts.min(axis=0, initial=np.inf)) / CELL).astype(np.int64)
+        cell = np.ravel_multi_index(tuple(cells.T), tuple(cells.max(axis=0, initial=0) + 1))
+        votes = np.bincount(cell, weights[first, second])
+        for most in np.argsort(votes)[-CELLS_PER_ROTATION:]:
+            if votes[most] > 0:
+                found.append((float(votes[most]), rotation, shifts[cell == most].mean(axis=0)))
+    found.sort(key=lambda one: one[0], reverse=True)
+    return [(rotation, shift) for _, rotation, shift in found[: RIGID_PLACEMENTS.refined]]
+
+
+def _refine(rotation: Floats, shift: Floats, here: _Places, there: _Places, tree: cKDTree) -> tuple[Floats, Floats]:
+    """A rotation and shift after rigid ICP of places, in which those on cuts of the whole do not count."""
+    for _ in range(ROUNDS):
+        placed = here.moved(rotation, shift)
+        near = tree.query(placed.with_normals())[1]
+        distance = np.linalg.norm(placed.points - there.points[near], axis=1)
+        agreement = np.einsum("dx,dx->d", placed.normals, there.normals[near])
+        weight = here.areas * np.clip(agreement, 0, 1) / (1 + (distance / ROBUST_SCALE) ** 2) ** 2
+        weight = weight * (there.cut_distance[near] > 0) + 1e-9
+        step = procrustes(placed.points, there.points[near], weight, scales=(1.0, 1.0))
+        rotation, shift = step.rotation @ rotation, step.rotation @ shift + step.translation
+    return rotation, shift
+
+
+def _rank(placed: _Places, there: _Places, tree: cKDTree) -> tuple[float, Integers]:
+    """How little speaks for placed places, and (d_p,) the nearest places of the whole.
+
+    Where a fragment is not near the other one, it has to be beyond a cut of that: the shares of the rest that overlap
+    count, both ways, and the area that overlaps.
+    """
+    overlaps, beyond, places = _overlap(placed, there, tree)
+    back, beyond_back, _ = _overlap(there, placed, cKDTree(placed.with_normals()))
+    if np.count_nonzero(overlaps) < MIN_PLACES:
+        return np.inf, places
+    area, area_back = placed.areas @ overlaps, there.areas @ back
+    share = area / (area + placed.areas @ ~(overlaps | beyond) + MIN_AREA)
+    share_back = area_back / (area_back + there.areas @ ~(back | beyond_back) + MIN_AREA)
+    return -float(np.log(share) + np.log(share_back + 1e-9) + 0.5 * np.log(area + MIN_AREA)), places
+
+
+def _overlap(here: _Places, there: _Places, tree: cKDTree) -> tuple[Booleans, Booleans, Integers]:
+    """(d,) which places overlap those of another shape, (d,) which are nearest to its cuts, (d,) the nearest ones."""
+    near = np.asarray(tree.query(here.with_normals())[1])
+    distance = np.linalg.norm(here.points - there.points[near], axis=1)
+    agreement = np.einsum("dx,dx->d", here.normals, there.normals[near])
+    nearest = np.asarray(cKDTree(there.points).query(here.points)[1])
+    overlaps = np.asarray((distance < NEAR) & (agreement > AGREEING))
+    return overlaps, np.asarray(there.cut_distance[nearest] < NEAR_CUT), near
