@@ -106,6 +106,7 @@ def test_progress_of_bending_follows_that_of_refining(result: zo.MatchResult, mo
     monkeypatch.setattr(dense_map, "refine_candidate", refining)
     monkeypatch.setattr(dense_map, "refine", refining)
     monkeypatch.setattr(dense_map, "fit_nonrigid", bending)
+    monkeypatch.setattr(dense_map, "pin_extremities", lambda *_: None)
     monkeypatch.setattr(dense_map, "confidence_of", lambda *_: (np.ones(240), 0.0))
     monkeypatch.setattr(dense_map, "partners_by_cycle", lambda *_: None)
     fractions = fractions_of(lambda: dense_map.dense_map(result.pair, result.candidates[0]))

@@ -16,8 +16,9 @@ from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 from zoomout_core.matching.ranking.finished_maps import refine_candidate
 from zoomout_core.matching.ranking.rank import Candidate
 from zoomout_core.matching.refinement.confidence import Partners, confidence_of, partners_by_cycle
+from zoomout_core.matching.refinement.extremity_pins import pin_extremities
 from zoomout_core.matching.refinement.refine import REFINEMENT, functional_map_by, refine
-from zoomout_core.matching.registration.nonrigid_icp import Fit, fit_nonrigid
+from zoomout_core.matching.registration.nonrigid_icp import Fit, Pins, fit_nonrigid
 from zoomout_core.runtime.progress import portion
 from zoomout_core.runtime.threads import side_by_side
 
@@ -55,16 +56,26 @@ def _map_of_wholes(pair: Pair, candidate: Candidate) -> DenseMap:
         return back
 
     (fit, functional_map), back = side_by_side(forwards, backwards)
+    pinned = pin_extremities(fit.surface_map, back, source, target)
+    if pinned is not None:
+        stretched, pins = pinned
+        with portion(1.0, 1.0):  # few maps are registered twice
+            fit, functional_map = bend_onto_source(stretched, functional_map, source, target, candidate.mirrored, pins)
     senses = candidate.reverses_orientation, candidate.mirrored
     measured = confidence_of(fit.surface_map, back, functional_map, source, target, *senses)
     return DenseMap(fit, partners_by_cycle(fit.surface_map, back, source, target), functional_map, *measured)
 
 
 def bend_onto_source(
-    refined: SurfaceMap, functional_map: Floats, source: ShapeAnalysis, target: ShapeAnalysis, mirrored: bool
+    refined: SurfaceMap,
+    functional_map: Floats,
+    source: ShapeAnalysis,
+    target: ShapeAnalysis,
+    mirrored: bool,
+    pins: Pins | None = None,
 ) -> tuple[Fit, Floats]:
     """Register the target to the source, starting from a refined map; returns the fit and its functional map."""
-    fit = fit_nonrigid(refined, source, target, mirrored)
+    fit = fit_nonrigid(refined, source, target, mirrored, pins)
     return fit, functional_map_by(fit.surface_map, source, target, functional_map.shape)
 
 

@@ -51,6 +51,16 @@ class Level(NamedTuple):
     min_weight: float = MIN_WEIGHT  # smallest weight of a correspondence, also of a rejected one
 
 
+class Pins(NamedTuple):
+    """Vertices of the target that a fit draws to places on the source."""
+
+    vertex: Integers  # (p,) their numbers
+    goal: Floats  # (p, 3) their places
+
+
+# Weight of the squared distance of each pin from its goal, where those of all query points of a shape sum to one: as
+# that of a few dozen of them. A fifth of it and five times as much lead to the same errors.
+PIN_WEIGHT = 0.02
 # Diffusion length, at unit area, that smooths the images to which the target is aligned first.
 ALIGNMENT_WIDTH = 0.06
 # The first levels have few nodes, so that a trunk turns about its axis along with its limbs: nothing else determines
@@ -92,7 +102,9 @@ class Fit:
         return cls(surface_map, np.zeros((n, 3)), np.zeros((n, 3, 3)), np.zeros(n, dtype=bool))
 
 
-def fit_nonrigid(first: SurfaceMap, source: ShapeAnalysis, target: ShapeAnalysis, mirrored: bool) -> Fit:
+def fit_nonrigid(
+    first: SurfaceMap, source: ShapeAnalysis, target: ShapeAnalysis, mirrored: bool, pins: Pins | None = None
+) -> Fit:
     """Register a target to its source, starting from a map between their meshes."""
     sense = np.array([-1.0, 1, 1]) if mirrored else np.ones(3)
     rest, normals = target.mesh.vertices * sense, target.mesh.vertex_normals * sense
@@ -105,7 +117,7 @@ def fit_nonrigid(first: SurfaceMap, source: ShapeAnalysis, target: ShapeAnalysis
     still, placed = rigid_vertices(first, rest, normals, around, limit, target)
     positions = np.where(still[:, None], placed, aligned.positions)
     with portion(0.0, BENDING):
-        graph = bend(rest, normals, positions, around, limit, target, NONRIGID_SCHEDULE)
+        graph = bend(rest, normals, positions, around, limit, target, NONRIGID_SCHEDULE, pins=pins)
     advance(BENDING)
     positions, turned, blends = graph.deform()
     found = around.closest(positions, turned)
@@ -130,6 +142,7 @@ def bend(
     levels: Sequence[Level],  # the schedule; not empty
     # Whether the source may have places without a partner, which then do not attract the target.
     is_part: bool = False,
+    pins: Pins | None = None,
 ) -> DeformationGraph:
     """Fit the deformation graph that registers a target to a source."""
     graph = None
@@ -146,10 +159,14 @@ def bend(
             positions, turned, _ = graph.deform()
             if sliding == 1:
                 weight = np.sqrt(here.areas)[:, None, None] * np.eye(3)
-                motion = graph.step(here.vertex, (goal - positions)[here.vertex], weight, stiffness, False)
+                pulls = here.vertex, (goal - positions)[here.vertex], weight
             else:
                 pulls = residuals(positions, turned, here, there, around, limit, sliding, robust_scale, min_weight)
-                motion = graph.step(*pulls, stiffness, True)
+            if pins is not None:
+                weight = np.broadcast_to(np.sqrt(PIN_WEIGHT) * np.eye(3), (len(pins.vertex), 3, 3))
+                to_goals = pins.vertex, pins.goal - positions[pins.vertex], weight
+                pulls = tuple(map(np.concatenate, zip(pulls, to_goals, strict=True)))
+            motion = graph.step(*pulls, stiffness, approaching=sliding != 1)
             if motion < CONVERGED_MOTION:
                 break
     assert graph is not None

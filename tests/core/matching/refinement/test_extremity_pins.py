@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A map that falls short of a limb's tip is stretched to it, if the map back reaches it."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from creatures import creature, true_vertex
+
+from zoomout_core.arrays import Booleans, Floats
+from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.matching.preparation.analysis import ShapeAnalysis, analyse
+from zoomout_core.matching.refinement.extremity_pins import pin_extremities
+from zoomout_core.matching.registration.nonrigid_icp import fit_nonrigid
+from zoomout_core.samples import BODY, LIMBS
+
+LEG = 2
+# The part of the leg that the map reaches.
+REACHED = 0.5
+
+
+@cache
+def shapes() -> tuple[ShapeAnalysis, ShapeAnalysis]:
+    """The shapes of two meshes of one creature."""
+    source, target = (analyse(creature(2000, seed).surface.working.part(0)[0], 60, 500, 0, None) for seed in (0, 1))
+    return source, target
+
+
+@cache
+def true_maps() -> tuple[SurfaceMap, SurfaceMap]:
+    """The map of the target's mesh to the source's, and the map back."""
+    made = creature(2000, 0), creature(2000, 1)
+    vertices = true_vertex(*made), true_vertex(*made[::-1])
+    maps = (SurfaceMap.from_vertices(vertex, each.surface) for vertex, each in zip(vertices, made, strict=True))
+    there, back = (
+        SurfaceMap(each.triangle, each.barycentric, shape.mesh.triangles)
+        for each, shape in zip(maps, shapes(), strict=True)
+    )
+    return there, back
+
+
+def short_map() -> tuple[SurfaceMap, Booleans]:
+    """The map of the target's mesh whose images reach half of a leg, and (n_t,) the vertices of the leg."""
+    source, target = shapes()
+    axis = LIMBS[LEG] / np.linalg.norm(LIMBS[LEG])
+    scale = np.abs(target.mesh.vertices).max() / np.abs(creature(2000, 1).surface.vertices).max()
+    along = target.mesh.vertices @ axis - BODY * scale
+    leg = (along > 0) & (np.linalg.norm(np.cross(target.mesh.vertices, axis), axis=1) < 0.6 * scale)
+    places = target.mesh.vertices - np.where(leg, (1 - REACHED) * along, 0)[:, None] * axis
+    near = np.linalg.norm(places[:, None] - source.mesh.vertices[None], axis=2).argmin(axis=1)
+    there = true_maps()[0].vertex.copy()
+    there[leg] = near[leg]
+    short = SurfaceMap.from_vertices(there, creature(2000, 0).surface)
+    return SurfaceMap(short.triangle, short.barycentric, source.mesh.triangles), leg
+
+
+def errors(surface_map: SurfaceMap) -> Floats:
+    """(n_t,) distances of images from the true ones, at unit area."""
+    vertices = shapes()[0].mesh.vertices
+    return np.linalg.norm(surface_map.interpolate(vertices) - true_maps()[0].interpolate(vertices), axis=1)
+
+
+def test_images_of_a_limb_are_stretched_to_its_tip() -> None:
+    (source, target), (short, leg), back = shapes(), short_map(), true_maps()[1]
+    pinned = pin_extremities(short, back, source, target)
+    assert pinned is not None
+    stretched, pins = pinned
+    assert errors(stretched)[leg].mean() < 0.5 * errors(short)[leg].mean()
+    far = np.linalg.norm(target.mesh.vertices - target.mesh.vertices[leg].mean(axis=0), axis=1) > 1
+    np.testing.assert_array_equal(stretched.vertex[far], short.vertex[far])
+    np.testing.assert_allclose(pins.goal, true_maps()[0].interpolate(source.mesh.vertices)[pins.vertex], atol=0.08)
+
+
+def test_map_that_reaches_all_tips_is_kept() -> None:
+    assert pin_extremities(*true_maps(), *shapes()) is None
+
+
+def test_tip_that_neither_map_reaches_is_not_pinned() -> None:
+    # The map back takes all of the source to one vertex of its body.
+    body = SurfaceMap.from_vertices(np.zeros(2000, dtype=int), creature(2000, 1).surface)
+    back = SurfaceMap(body.triangle, body.barycentric, shapes()[1].mesh.triangles)
+    pinned = pin_extremities(short_map()[0], back, *shapes())
+    assert pinned is None
+
+
+@pytest.mark.parametrize("reached", [True, False])
+def test_fit_with_pins_reaches_the_tip(reached: bool) -> None:
+    (source, target), (short, leg), back = shapes(), short_map(), true_maps()[1]
+    pinned = pin_extremities(short, back, source, target)
+    assert pinned is not None
+    stretched, pins = pinned
+    fit = fit_nonrigid(stretched if reached else short, source, target, False, pins if reached else None)
+    tip = np.flatnonzero(leg)[target.mesh.vertices[leg, 2].argmin()]
+    assert (errors(fit.surface_map)[tip] < 0.1) == reached

@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Pin extremities of two bodies to each other where a map falls short of them.
+
+Eigenfunctions and rigid motions preserve lengths, so that the leg of a hippopotamus covers only the upper part of a
+horse's. The map back takes all of the longer leg to the shorter one, and foot to foot. Extremities that one of the two
+maps pairs this well are pinned to each other if the other map falls far short of them: the images of the limb are
+stretched to its tip, and the registration is repeated with these pins.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy.sparse.csgraph import dijkstra
+
+from zoomout_core.arrays import Floats, Integers
+from zoomout_core.maps.bend import bend
+from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.matching.hypotheses.extremities import EXTREMITIES, maxima
+from zoomout_core.matching.preparation.analysis import ShapeAnalysis
+from zoomout_core.matching.registration.nonrigid_icp import Pins
+from zoomout_core.mesh.triangles import edge_graph
+from zoomout_core.runtime.once import once_per_argument
+from zoomout_core.tuning import Tuning, tuned
+
+
+@dataclass(frozen=True)
+class PinTuning(Tuning, set_by="correspondence"):
+    """Which extremities are pinned, and how far around them images are stretched."""
+
+    max_miss: float = tuned(0.08, "at unit area", 0, 2)  # of the map that pairs two extremities
+    max_shortfall: float = tuned(0.5, "at unit area", 0, 10)  # of the other map; farther off is another limb
+    # Maps that fall less short of all extremities stay as they are: on people of other builds, pins from 0.05 on gain
+    # nothing.
+    min_shortfall: float = tuned(0.1, "at unit area", 0, 2)
+    # Width of the Gaussian by which the displacement of a tip decays, in lengths of its limb.
+    width: float = tuned(0.7, "1", 0, 10)
+
+
+PINS = PinTuning()
+
+
+class _Tips(NamedTuple):
+    """The extremities of a shape, the lesser ones, too."""
+
+    vertices: Integers  # (m,) of the mesh
+    distances: Floats  # (m, n) geodesic distances from them
+
+
+def pin_extremities(
+    there: SurfaceMap, back: SurfaceMap, source: ShapeAnalysis, target: ShapeAnalysis
+) -> tuple[SurfaceMap, Pins] | None:
+    """Stretch a map to the extremities that it falls short of.
+
+    Args:
+        there: the map from the target's mesh to the source's.
+        back: the map from the source's mesh to the target's.
+        source: the source.
+        target: the target.
+
+    Returns:
+        The stretched map, and the pins for its registration; None if the map falls short of no extremity.
+    """
+    of_source, of_target = _tips(source), _tips(target)
+    if min(len(of_source.vertices), len(of_target.vertices)) == 0:
+        return None
+    missed = of_source.distances[:, there.vertex[of_target.vertices]]  # (m_source, m_target)
+    missed_back = of_target.distances[:, back.vertex[of_source.vertices]].T
+    better, worse = np.minimum(missed, missed_back), np.maximum(missed, missed_back)
+    each = np.arange(better.shape[1])
+    partner = better.argmin(axis=0)
+    paired = better.argmin(axis=1)[partner] == each
+    paired &= (better[partner, each] < PINS.max_miss) & (worse[partner, each] < PINS.max_shortfall)
+    shortfall = np.where(paired, missed[partner, each], 0)
+    if shortfall.max() < PINS.min_shortfall:
+        return None
+    vertices, goals = of_target.vertices, source.mesh.vertices[of_source.vertices[partner]]
+    between = of_target.distances[:, vertices] + np.diag(np.full(len(vertices), np.inf))
+    stretched = there
+    for tip in np.flatnonzero(shortfall > PINS.max_miss):
+        stretched = _stretch(stretched, vertices[tip], goals[tip], between[tip].min() / 2, source, target)
+    return stretched, Pins(vertices[paired], goals[paired])
+
+
+def _stretch(
+    surface_map: SurfaceMap, tip: int, goal: Floats, length: float, source: ShapeAnalysis, target: ShapeAnalysis
+) -> SurfaceMap:
+    """Move the image of a tip to a place (3,) of the source, and those of its limb, of some length, along with it."""
+    displacement = goal - surface_map.interpolate(source.mesh.vertices)[tip]
+    meshes = source.mesh.vertices, target.mesh.vertices, target.mesh.triangles
+    return bend(surface_map, *meshes, np.array([tip]), displacement[None], PINS.width * length)
+
+
+@once_per_argument
+def _tips(shape: ShapeAnalysis) -> _Tips:
+    vertices, persistence = maxima(shape)
+    vertices = vertices[persistence > EXTREMITIES.lesser_persistence][: EXTREMITIES.max_count]
+    graph = edge_graph(shape.mesh.vertices, shape.mesh.triangles)
+    return _Tips(vertices, np.asarray(dijkstra(graph, indices=vertices)).reshape(len(vertices), -1))
