@@ -158,15 +158,17 @@ def bend(
             advance((i + j / rounds) / len(levels))
             positions, turned, _ = graph.deform()
             if sliding == 1:
-                weight = np.sqrt(here.areas)[:, None, None] * np.eye(3)
-                pulls = here.vertex, (goal - positions)[here.vertex], weight
+                vertex, residual = here.vertex, (goal - positions)[here.vertex]
+                root_weight = np.sqrt(here.areas)[:, None, None] * np.eye(3)
             else:
-                pulls = residuals(positions, turned, here, there, around, limit, sliding, robust_scale, min_weight)
+                rule = sliding, robust_scale, min_weight
+                vertex, residual, root_weight = residuals(positions, turned, here, there, around, limit, *rule)
             if pins is not None:
                 weight = np.broadcast_to(np.sqrt(PIN_WEIGHT) * np.eye(3), (len(pins.vertex), 3, 3))
-                to_goals = pins.vertex, pins.goal - positions[pins.vertex], weight
-                pulls = tuple(map(np.concatenate, zip(pulls, to_goals, strict=True)))
-            motion = graph.step(*pulls, stiffness, approaching=sliding != 1)
+                vertex = np.concatenate([vertex, pins.vertex])
+                residual = np.concatenate([residual, pins.goal - positions[pins.vertex]])
+                root_weight = np.concatenate([root_weight, weight])
+            motion = graph.step(vertex, residual, root_weight, stiffness, approaching=sliding != 1)
             if motion < CONVERGED_MOTION:
                 break
     assert graph is not None
