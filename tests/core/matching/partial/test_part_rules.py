@@ -290,7 +290,7 @@ def test_map_of_whole_shapes_gives_the_places_of_a_part(lower: PartAndWhole, par
 
 
 @pytest.mark.parametrize("upright", [False, True])
-def test_what_is_up_is_evidence_between_fragments_that_stand(
+def test_up_axis_is_evidence_between_upright_fragments(
     lower: PartAndWhole, monkeypatch: pytest.MonkeyPatch, upright: bool
 ) -> None:
     made = _register(_Found(0.0, lower.everywhere, lower.true_places()))

@@ -151,7 +151,7 @@ def test_nothing_pulls_what_only_one_fragment_has(
     assert of_a_part == (NONRIGID_SCHEDULE, None)
 
 
-def test_what_is_up_decides_between_placements_that_fit_alike() -> None:
+def test_up_axis_decides_between_equal_placements() -> None:
     nothing: Any = None
 
     def candidate(fit: float, upright: float) -> PartCandidate:
