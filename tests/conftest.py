@@ -135,10 +135,11 @@ def few_candidates() -> Iterator[None]:
 
 @pytest.fixture(scope="module")
 def quick_search(few_candidates: None) -> Iterator[None]:
-    """Matches search among fewer candidates, and matches, wraps and poses are refined in fewer rounds.
+    """Matches search once among fewer candidates, and matches, wraps and poses are refined in fewer rounds.
 
     For modules that use them: these computations themselves are tested in `core/matching` and `core/transfer`.
     """
+    from zoomout_core.matching import retry
     from zoomout_core.matching.ranking.finished_maps import FINISHED_MAPS
     from zoomout_core.matching.refinement.refine import REFINEMENT, Schedule
     from zoomout_core.matching.registration import nonrigid_icp
@@ -156,6 +157,7 @@ def quick_search(few_candidates: None) -> Iterator[None]:
         pytest.MonkeyPatch.context() as patch,
     ):
         patch.setattr(nonrigid_icp, "NONRIGID_SCHEDULE", few_levels)
+        patch.setattr(retry, "_with_more_guesses", lambda attempt, *_: attempt)
         yield
 
 
