@@ -8,7 +8,7 @@ import os
 import pickle
 from collections import Counter, OrderedDict
 from collections.abc import Callable, Iterator
-from functools import partial, wraps
+from functools import cache, partial, wraps
 from hashlib import sha256
 from importlib import import_module
 from pathlib import Path
@@ -18,6 +18,7 @@ import pytest
 
 if TYPE_CHECKING:
     from zoomout_core.runtime.progress import Progress
+    from zoomout_core.tuning import Tuning
 
 BENCHMARK_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 
@@ -80,16 +81,23 @@ def benchmark_data() -> Path:
     return BENCHMARK_DATA
 
 
+@cache
+def known_stages() -> dict[str, Tuning]:
+    """All stages, which tests retune in place: looking for their modules takes as long as a small computation."""
+    from zoomout_core.tuning import stages
+
+    return stages()
+
+
 def remember(function: Callable[..., Any], shapes: int) -> Callable[..., Any]:
     """Cache a function whose first `shapes` arguments are shapes and whose others are options."""
 
     @wraps(function)
     def run(*given: Any, progress: Callable[[Progress], object] | None = None, **options: Any) -> Any:
         from zoomout_core.runtime.progress import listening, show_outlines, stage
-        from zoomout_core.tuning import stages
 
         known = [[getattr(shape, name, None) for name in ARRAYS] for shape in given[:shapes]]
-        asked = function.__name__, known, given[shapes:], sorted(options.items()), repr(stages())
+        asked = function.__name__, known, given[shapes:], sorted(options.items()), repr(known_stages())
         key = sha256(pickle.dumps(asked)).digest()
         if key in _results:
             _results.move_to_end(key)
@@ -127,10 +135,11 @@ def few_candidates() -> Iterator[None]:
 
 @pytest.fixture(scope="module")
 def quick_search(few_candidates: None) -> Iterator[None]:
-    """Matches search among fewer candidates, and matches, wraps and poses are refined in fewer rounds.
+    """Matches search once among fewer candidates, and matches, wraps and poses are refined in fewer rounds.
 
     For modules that use them: these computations themselves are tested in `core/matching` and `core/transfer`.
     """
+    from zoomout_core.matching import retry
     from zoomout_core.matching.ranking.finished_maps import FINISHED_MAPS
     from zoomout_core.matching.refinement.refine import REFINEMENT, Schedule
     from zoomout_core.matching.registration import nonrigid_icp
@@ -148,6 +157,7 @@ def quick_search(few_candidates: None) -> Iterator[None]:
         pytest.MonkeyPatch.context() as patch,
     ):
         patch.setattr(nonrigid_icp, "NONRIGID_SCHEDULE", few_levels)
+        patch.setattr(retry, "_with_more_guesses", lambda attempt, *_: attempt)
         yield
 
 

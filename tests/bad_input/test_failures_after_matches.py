@@ -78,31 +78,18 @@ DOCUMENTS: dict[str, dict[str, Any]] = {
 }
 
 
+@pytest.mark.usefixtures("no_match")
 @pytest.mark.parametrize("ending", ["glb", "obj"])
 @pytest.mark.parametrize("name", DOCUMENTS)
-def test_broken_source_is_refused_before_match_or_written(
-    name: str, ending: str, meshes: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_broken_source_is_refused_before_match(name: str, ending: str, meshes: tuple[Path, Path]) -> None:
     source = colored(meshes[0], **DOCUMENTS[name])
-    matched = []
-
-    def match(*shapes: Any, **options: Any) -> zo.MatchResult:
-        matched.append(shapes)
-        return zo.match(*shapes, **options)
-
-    monkeypatch.setattr(transfer_command, "match", match)
     ran = run(zoomout, "transfer", source, meshes[1], "-o", source.with_name(f"out.{ending}"), "--force", *FAST)
-    assert ran.exit_code == (0 if matched else 1), ran.output
-    if not matched:
-        (line,) = [line for line in ran.output.splitlines() if line.startswith("Error:")]
-        assert line.endswith(".")
+    assert_refused(ran, "could not be read (")
 
 
 @pytest.mark.usefixtures("no_match")
-@pytest.mark.parametrize("kinds", ["texture-coordinates", "shape-keys", "skin-weights"])
+@pytest.mark.parametrize("kinds", ["uv", "shape-keys", "weights"])
 def test_missing_source_data_is_refused_before_match(kinds: str, meshes: tuple[Path, Path], tmp_path: Path) -> None:
-    known = {kind.replace(" ", "-") for kind in transfer_command.KINDS}
-    kinds = kinds if kinds in known else next(iter(known - {"colors", "colours", "materials"}))
     ran = run(zoomout, "transfer", *meshes, "-o", tmp_path / "out.glb", "--kinds", kinds)
     assert_refused(ran, "The source has no")
     template = ("--template", meshes[0], "--transfer", "--kinds", kinds, "--workers", "1")
@@ -377,7 +364,7 @@ def test_terminal_encoding_does_not_fail_a_match(encoding: str, meshes: tuple[Pa
 
 @pytest.mark.slow
 @POSIX
-def test_material_name_outside_locale_is_written_or_refused(meshes: tuple[Path, Path], tmp_path: Path) -> None:
+def test_material_name_outside_locale_is_written(meshes: tuple[Path, Path], tmp_path: Path) -> None:
     source = tmp_path / "source.obj"
     lines = meshes_as_obj(meshes[0])
     source.write_text("\n".join(["mtllib skin.mtl", "usemtl Haut 人", *lines, ""]), encoding="utf-8")
@@ -385,10 +372,9 @@ def test_material_name_outside_locale_is_written_or_refused(meshes: tuple[Path, 
     plain = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
     line, environment = command("transfer", source, meshes[1], "-o", tmp_path / "out.obj", "--force", *FAST, **plain)
     ran = subprocess.run(line, env=environment, capture_output=True)
-    said = ran.stderr.decode("ascii", "replace")
-    assert "Traceback" not in said
-    assert "Transferring" not in said or ran.returncode == 0  # refused before the match, or written
-    assert ran.returncode in (0, 1)
+    assert ran.returncode == 0, ran.stderr
+    assert "newmtl Haut 人" in (tmp_path / "out.mtl").read_text(encoding="utf-8")
+    assert "usemtl Haut 人" in (tmp_path / "out.obj").read_text(encoding="utf-8")
 
 
 def meshes_as_obj(path: Path) -> list[str]:

@@ -22,7 +22,7 @@ pytestmark = pytest.mark.usefixtures("remember_matches", "coarse_hulls")
 @pytest.fixture(scope="module")
 def names() -> dict[str, Any]:
     """The names that examples may use."""
-    here, there = creature(500), creature(450, seed=1, bend=0.9)
+    here, there = creature(500, asymmetry=0.3), creature(450, seed=1, bend=0.9, asymmetry=0.3)
     source, target = here.surface, there.surface
     return {
         "zo": zo,

@@ -43,7 +43,7 @@ FAST = MatchOptions(**DETAIL["fast"])  # type: ignore[arg-type]
 POSES = {"a": (0, 0.0), "b": (1, 0.5), "c": (2, 0.8), "d": (3, 0.3)}
 
 
-def make_creature(name: str, count: int = 700) -> Creature:
+def make_creature(name: str, count: int = 450) -> Creature:
     seed, bend = POSES[name]
     return creature(count, seed=seed, bend=bend, asymmetry=0.3)
 

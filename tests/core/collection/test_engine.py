@@ -154,7 +154,11 @@ def test_workers_use_one_thread_each(cluster: Engine) -> None:
     assert results(cluster, [Task("settings", read_settings, ())]) == {"settings": (None, "1", 1)}
 
 
-def test_killed_worker_fails_only_its_own_task(cluster: Engine) -> None:
+def test_killed_worker_fails_only_its_own_task(cluster: Engine, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert isinstance(cluster, OnDask)
+    monkeypatch.setattr(
+        cluster._client.cluster.scheduler, "allowed_failures", 0
+    )  # another worker takes seconds to start
     found = results(cluster, [Task("dying", die, ()), *CHAIN])
     died = found.pop("dying")
     assert isinstance(died, Failure)

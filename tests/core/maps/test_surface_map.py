@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from creatures import Creature, creature, true_vertex
+from creatures import Creature, creature
 
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.maps.surface_map import SurfaceMap, read_vertex_map
@@ -25,15 +25,6 @@ def finer() -> Creature:
 def onto(resting: Creature, finer: Creature) -> SurfaceMap:
     place = closest_points(finer.surface.vertices, resting.surface.vertices, resting.surface.triangles)
     return SurfaceMap(*place, resting.surface.triangles)
-
-
-def test_positions_and_linear_functions_are_interpolated_exactly(
-    resting: Creature, onto: SurfaceMap, finer: Creature
-) -> None:
-    images = onto.interpolate(resting.surface.vertices)
-    assert np.linalg.norm(images - finer.surface.vertices, axis=1).max() < 0.12
-    linear = resting.surface.vertices @ [1.0, -2, 3]
-    np.testing.assert_allclose(onto.interpolate(linear), images @ [1, -2, 3], atol=1e-12)
 
 
 @pytest.mark.parametrize("shape", [(), (1,), (2,), (40,), (3, 3)])
@@ -160,11 +151,6 @@ def test_vertex_map_to_a_vertex_without_faces_is_refused(resting: Creature) -> N
     unused = np.setdiff1d(np.arange(len(partial.vertices)), partial.triangles)[0]
     with pytest.raises(MeshError, match=f"vertex {unused} of the source, which belongs to no face"):
         SurfaceMap.from_vertices([unused], partial)
-
-
-def test_the_true_map_of_another_pose_is_accepted(resting: Creature, bent: Creature) -> None:
-    surface_map = SurfaceMap.from_vertices(true_vertex(resting, bent), resting.surface)
-    assert len(surface_map.triangle) == len(bent.surface.vertices)
 
 
 def test_vertex_map_is_read_without_surfaces(tmp_path, onto) -> None:

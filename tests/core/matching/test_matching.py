@@ -475,7 +475,7 @@ def test_options_are_checked_at_creation_and_reusable() -> None:
     with pytest.raises(ValueError, match="needs `landmarks`"):
         zo.MatchOptions(exact_landmarks=True)
     source, target = creature(300, 0, 0.0).surface, creature(250, 1, 0.9).surface
-    given = {"k_final": 30, "samples": 100}
+    given = {"k_final": 30, "samples": 100, "initial": "proximity"}
     options = zo.MatchOptions(**given)
     by_options, by_names = zo.match(source, target, options), zo.match(source, target, **given)
     assert (by_options.surface_map.triangle == by_names.surface_map.triangle).all()

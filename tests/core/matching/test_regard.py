@@ -88,7 +88,7 @@ def test_nearest_vertex_is_found_near_the_nearest_sample(shape: ShapeAnalysis) -
     assert (_nearest_near_samples(queries, shape.mesh.vertices, shape) == exact).mean() > 0.99
 
 
-def test_alignment_smooths_images_over_its_width(shape: ShapeAnalysis) -> None:
+def test_alignment_smooths_noise_of_images_away(shape: ShapeAnalysis) -> None:
     noise = np.random.default_rng(0).normal(scale=0.05, size=shape.mesh.vertices.shape)
     images = shape.basis.coefficients(shape.mesh.vertices + noise)
     off = [

@@ -184,21 +184,23 @@ def test_error_reaches_the_caller_at_once_and_stops_the_others(
     assert other.stopped.wait(timeout=LONG)
 
 
-def test_no_items_start_after_an_error() -> None:
+@pytest.mark.parametrize(("count", "most"), [(1, 1), (2, 3)])
+def test_no_items_start_after_an_error(count: int, most: int) -> None:
     begun: list[int] = []
+    raised = threading.Event()
 
     def work(item: int) -> None:
         begun.append(item)
-        time.sleep(0.001)  # gives the caller time to stop the other threads, even on busy cores
-        failing()
+        if item == 0:
+            failing()
+        raised.wait(timeout=LONG)  # the thread of the first item may take one more before its error is noticed
 
-    for count in (1, 2):
-        zo.set_threads(count)
-        begun.clear()
-        with pytest.raises(ValueError, match="no such thing"):
-            for_each(work, range(1000))
-        time.sleep(0.01)
-        assert 1 <= len(begun) < (2 if count == 1 else 1000)
+    zo.set_threads(count)
+    with pytest.raises(ValueError, match="no such thing"):
+        for_each(work, range(6))
+    raised.set()
+    time.sleep(0.02)
+    assert 1 <= len(begun) <= most
 
 
 @pytest.mark.parametrize("count", [1, 2])

@@ -537,29 +537,6 @@ def test_rotations_turn_with_the_surface_on_request(options: dict[str, bool]) ->
     np.testing.assert_allclose(result.values, np.tile(truth.ravel(), (len(X), 1)), atol=1e-6)
 
 
-def test_quaternions_keep_their_sign() -> None:
-    values = np.random.default_rng(0).normal(size=(len(X), 4))
-    values /= np.linalg.norm(values, axis=1, keepdims=True)
-    found = transfer(point(Kind.QUATERNION, values), identity(MESH), MESH, MESH).values
-    np.testing.assert_allclose(found, values, atol=1e-6)
-
-
-@pytest.mark.parametrize("wrong", [-0.1, 1.5])
-def test_fill_below_must_be_from_zero_to_one(wrong: float) -> None:
-    with pytest.raises(ValueError, match="fill_below"):
-        transfer(point(Kind.SCALAR, X), identity(MESH), MESH, MESH, fill_below=wrong)
-
-
-@pytest.mark.parametrize(("below", "filled"), [(None, False), (0.2, False), (0.5, True)])
-def test_values_below_the_requested_confidence_are_filled_in(below: float | None, filled: bool) -> None:
-    hole = np.hypot(X - 0.5, Y - 0.5) < 0.2
-    values = np.where(hole, 99.0, X)
-    match = match_with_confidence(np.where(hole, 0.3, 1.0))
-    result = transfer(point(Kind.SCALAR, values), match, MESH, MESH, fill_below=below)
-    assert (np.abs(result.values[hole] - X[hole]).max() < 0.1) == filled
-    assert len(result.notes) == filled
-
-
 @pytest.mark.parametrize(("size", "kept"), [(0.62, True), (0.4, False)])
 def test_islands_survive_if_they_cover_most_of_a_face(size: float, kept: bool) -> None:
     # A labelled square on target faces of width 0.1; no face is mostly inside it.

@@ -175,7 +175,8 @@ def test_quaternions_of_either_sign_agree_and_turn_on_request(domain: str) -> No
 
 def test_quaternions_keep_their_sign_and_zero_ones_become_identity() -> None:
     mesh = creature(1000).surface
-    values = np.tile([-0.6, 0, 0.8, 0], (1000, 1))
+    values = np.random.default_rng(0).normal(size=(1000, 4))
+    values /= np.linalg.norm(values, axis=1, keepdims=True)
     np.testing.assert_allclose(transfer_values(values, Kind.QUATERNION, identity(mesh), mesh, mesh), values, atol=1e-9)
     result = transfer_values(0 * values, Kind.QUATERNION, identity(mesh), mesh, mesh)
     np.testing.assert_allclose(result, np.tile([1, 0, 0, 0], (1000, 1)), atol=1e-9)

@@ -17,12 +17,12 @@ MIRROR = np.array([-1.0, 1, 1])
 
 
 def test_mirrored_candidate_places_landmarks_on_a_mirror_image() -> None:
-    source, other = hollow(700, 0), hollow(650, 1)
+    source, other = hollow(500, 0), hollow(450, 1)
     target = Surface(MIRROR * grow(other.vertices), other.triangles[:, ::-1])
     result = zo.match(source, target, **FAST)
     number = zo.mirror_candidate(result)
     assert number is not None
-    points = source.vertices[farthest_points(source.vertices[:700], 20)]
+    points = source.vertices[farthest_points(source.vertices[:500], 20)]
     assert (zo.transfer_landmarks(result, points).confidence == 0).all()
     mirrored = result.use(number)
     assert zo.mirror_candidate(mirrored) is None

@@ -190,9 +190,7 @@ def test_upright_option_prefers_maps_that_stay_upright() -> None:
     heights = aside.vertices[:, 2], result.surface_map.interpolate(source.vertices)[:, 2]
     assert np.corrcoef(*heights)[0, 1] > 0.9
     assert 0.3 < result.certainty < 0.5  # z stays up in two of the four maps
-    lying = target.with_vertices(target.vertices[:, [2, 0, 1]])
-    certainties = [zo.match(source, either, **FEW, upright=False).certainty for either in (aside, lying)]
-    assert certainties == pytest.approx([0.25, 0.25], abs=0.01)
+    assert zo.match(source, aside, **FEW, upright=False).certainty == pytest.approx(0.25, abs=0.01)
 
 
 @pytest.mark.parametrize("initial", ["proximity", "given"])

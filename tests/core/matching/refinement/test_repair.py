@@ -113,13 +113,17 @@ def test_the_samples_compared_first_do_not_change_the_images(pair, truth, restin
     np.testing.assert_array_equal(found.surface_map.barycentric, expected.surface_map.barycentric)
 
 
-def test_large_patch_is_left_unrepaired(pair, truth, resting, bent) -> None:
+def test_large_patch_is_left_unrepaired_and_reported_as_torn(pair, truth, resting, bent) -> None:
     # A repair cannot decide which of two halves is right.
-    half = np.flatnonzero(pair.target.vertices[:, 0] > 0)
+    height = pair.target.vertices[:, 2]
+    half = np.flatnonzero(height > np.median(height))
     torn = send(truth, half, mirrored_vertex(resting, bent)[half], pair)
     found = repair(pair, torn)
-    inner = half[pair.target.vertices[half, 0] > np.quantile(pair.target.vertices[half, 0], 0.5)]
-    assert (~found.filled[inner]).mean() > 0.9
+    inner = np.abs(height - np.median(height)) > 0.4
+    assert inner.mean() > 0.5
+    assert found.filled[inner].mean() < 0.05
+    assert found.torn[~inner].mean() > 0.1
+    assert not found.torn[inner].any()
 
 
 def test_exact_landmarks_keep_their_images(pair, truth) -> None:
