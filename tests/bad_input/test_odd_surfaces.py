@@ -74,7 +74,7 @@ def test_part_search_in_a_book_is_doubtful() -> None:
 def test_a_small_part_without_regions_is_searched_for_everywhere(monkeypatch: pytest.MonkeyPatch) -> None:
     found = []
 
-    def search(regions: list[part_match.Region], given: list[object]) -> list[object]:
+    def search(regions: list[part_match.Region], given: list[object], upright: bool) -> list[object]:
         found.extend(regions)
         return []
 

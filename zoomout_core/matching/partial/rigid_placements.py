@@ -75,7 +75,7 @@ class _Places(NamedTuple):
         mesh, at = shape.shape.mesh, shape.shape.search.samples[: len(shape.between)]
         return cls(mesh.vertices[at], mesh.vertex_normals[at], shape.areas, shape.cut_distance)
 
-    def moved(self, rotation: Floats, shift: Floats) -> _Places:
+    def move(self, rotation: Floats, shift: Floats) -> _Places:
         """The places after a rigid motion."""
         return self._replace(points=self.points @ rotation.T + shift, normals=self.normals @ rotation.T)
 
@@ -99,9 +99,9 @@ def rigid_placements(part: IncompleteShape, whole: IncompleteShape) -> list[Plac
     here, there = _Places.of(part), _Places.of(whole)
     tree = cKDTree(there.with_normals())
     found = []
-    for rotation, shift in _voted(here, there):
+    for rotation, shift in _vote(here, there):
         rotation, shift = _refine(rotation, shift, here, there, tree)
-        placed = here.moved(rotation, shift)
+        placed = here.move(rotation, shift)
         rank, places = _rank(placed, there, tree)
         found.append((rank, rotation, shift, placed.points, places))
     found.sort(key=lambda one: one[0])
@@ -118,12 +118,12 @@ def rigid_placements(part: IncompleteShape, whole: IncompleteShape) -> list[Plac
     return kept
 
 
-def _voted(here: _Places, there: _Places) -> list[tuple[Floats, Floats]]:
+def _vote(here: _Places, there: _Places) -> list[tuple[Floats, Floats]]:
     """Rotations and shifts with the most votes of pairs of places, each by the root of the product of their areas."""
     weights = np.sqrt(np.outer(here.areas, there.areas))
     found = []
     for rotation in rotations(RIGID_PLACEMENTS.rotations):
-        turned = here.moved(rotation, np.zeros(3))
+        turned = here.move(rotation, np.zeros(3))
         first, second = np.nonzero(turned.normals @ there.normals.T > FACING)
         shifts = there.points[second] - turned.points[first]
         cells = ((shifts - shifts.min(axis=0, initial=np.inf)) / CELL).astype(np.int64)
@@ -139,7 +139,7 @@ def _voted(here: _Places, there: _Places) -> list[tuple[Floats, Floats]]:
 def _refine(rotation: Floats, shift: Floats, here: _Places, there: _Places, tree: cKDTree) -> tuple[Floats, Floats]:
     """A rotation and shift after rigid ICP of places, in which those on cuts of the whole do not count."""
     for _ in range(ROUNDS):
-        placed = here.moved(rotation, shift)
+        placed = here.move(rotation, shift)
         near = tree.query(placed.with_normals())[1]
         distance = np.linalg.norm(placed.points - there.points[near], axis=1)
         agreement = np.einsum("dx,dx->d", placed.normals, there.normals[near])
