@@ -46,6 +46,7 @@ def repeated(count: int, seed: int) -> zo.Surface:
 ODD = {"soup": soup, "fan": fan, "book": book, "repeated": repeated}
 
 
+@pytest.mark.slow(but=4)
 @pytest.mark.parametrize("name", ODD)
 @pytest.mark.parametrize("start", [{"initial": "proximity"}, {"initial": "given", "initial_map": ()}])
 def test_odd_surfaces_match_by_proximity_or_given_map(name: str, start: dict[str, Any]) -> None:

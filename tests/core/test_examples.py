@@ -44,9 +44,15 @@ INNER = (
     "Symmetry.sides",
 )
 MEASURES = coverage, edge_distortion, distance_distortion, flipped_share, farthest_points
+# Examples that match several shapes.
+SLOW = {"CollectionResult", "Library", "PointCloud", "find_source", "match_collection"}
 
 
-@pytest.mark.parametrize("name", [*zo.__all__, *INNER])
+def _param(name: str) -> Any:
+    return pytest.param(name, marks=pytest.mark.slow if name in SLOW else ())
+
+
+@pytest.mark.parametrize("name", [_param(name) for name in (*zo.__all__, *INNER)])
 def test_the_example_runs(name: str, names: dict[str, Any], tmp_path: Path) -> None:
     if name.startswith("plotting"):
         pytest.importorskip("matplotlib")
