@@ -34,8 +34,8 @@ if TYPE_CHECKING:
 class PartTuning(Tuning, set_by="library"):
     """When another source is proposed for a part."""
 
-    smallest: float = tuned(0.03, "of the area", 0, 1)  # share of the target that a part has at least
-    largest: float = tuned(0.5, "of the area", 0, 1)  # and at most
+    min_share: float = tuned(0.03, "of the area", 0, 1)  # smallest part of the target, as a share of its area
+    max_share: float = tuned(0.5, "of the area", 0, 1)  # largest part
     piece: int = tuned(20, "vertices of a body", 4, 1000)  # a smaller piece belongs to that of the joint above
     poor: float = tuned(0.005, "at unit area", 0, 1)  # mean error of the best source there; less is noise of bodies
     better: float = tuned(0.55, "1", 0, 1)  # error of the other source, relative to that of the best one
@@ -109,7 +109,7 @@ def find_part(ranked: Sequence[FoundSource]) -> FoundPart | None:
         below = joints_below(asset.skin, np.arange(len(asset.skin.names)) == number)
         inside = below[joint]
         share = float(areas[inside].sum())
-        if not PARTS.smallest <= share <= PARTS.largest:
+        if not PARTS.min_share <= share <= PARTS.max_share:
             continue
         of_best, *of_others = (float(np.sqrt(areas[inside] @ each[inside] / share)) for each in errors)
         other = int(np.argmin(of_others))

@@ -48,7 +48,7 @@ def test_a_source_that_fits_a_part_much_better_is_proposed_for_it(tmp_path: Path
     target = swollen(tube, 0.6)
     target = target.with_vertices(7 * target.vertices[:, [2, 0, 1]] + 3)
     best, other = found(body, tube, target, 0.05), found(head, swollen(tube, 0.55), target, 0.06)
-    with retune(PARTS, largest=0.7):
+    with retune(PARTS, max_share=0.7):
         part = find_part([best, other])
         assert part is not None
         assert (part.path, part.best, part.joint, part.joints) == (head, body, "Upper", ("Upper",))
@@ -60,7 +60,7 @@ def test_a_source_that_fits_a_part_much_better_is_proposed_for_it(tmp_path: Path
         assert find_part([found(body, swollen(tube, 0.56), target, 0.05), other]) is None
         with retune(PARTS, poor=1.0):
             assert find_part([best, other]) is None
-        with retune(PARTS, smallest=0.65):
+        with retune(PARTS, min_share=0.65):
             assert find_part([best, other]) is None
     assert find_part([best, other]) is None
 
@@ -69,7 +69,7 @@ def test_parts_are_those_of_joints(tmp_path: Path, tube: Surface) -> None:
     bare = tmp_path / "bare.glb"
     write_asset(zo.Asset(tube), bare)
     target = swollen(tube, 0.6)
-    with retune(PARTS, largest=0.7):
+    with retune(PARTS, max_share=0.7):
         for path in (bare, tmp_path / "missing.ply"):
             assert find_part([found(path, tube, target, 0.05), found(bare, target, target, 0.06)]) is None
     assert find_part([]) is None
