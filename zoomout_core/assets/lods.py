@@ -15,7 +15,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from scipy.sparse import csr_array
+from scipy.sparse import coo_array, csr_array
 
 from zoomout_core.arrays import Booleans, Floats, Integers, row_norms, segment_sum
 from zoomout_core.assets.asset import MATERIALS, NORMALS, SHAPE_KEYS, UV, Asset, at_rest, on_corners
@@ -68,6 +68,12 @@ SIMPLIFY = 0.6
 # the asset's extent. In levels of 100 to 350 vertices of four game characters, at most 0.3 % are; of characters with
 # arms turned by 15 degrees, at least 12 %.
 FAR, MAX_FAR_SHARE = 0.03, 0.05
+# A connected part of a given mesh replaces the part of the asset that most of its vertices are closest to, and others
+# that this share of as many are closest to; fewer are where layers touch.
+JOINED = 0.5
+# Vertices of a given mesh for which these parts are farther than the closest one by more than this share of the extent
+# receive data from the latter: a mesh may join a small part, such as a hat, to a large one. Layers are closer.
+ASIDE = 0.01
 # Levels with fewer vertices than this have no faces to speak of.
 MIN_VERTICES = 12
 
@@ -150,12 +156,12 @@ def complete_levels(
         MeshError: a mesh is not in the place of the asset.
     """
     source = at_rest(asset)
-    matches = {name: _match_in_place(source, at_rest(each), name) for name, each in given.items()}
     poses = _Poses(source)
+    placed = {name: _place_on(source, poses.parts, at_rest(each), name) for name, each in given.items()}
     levels = {}
     for number, name in enumerate(sorted(given, key=lambda name: -len(given[name].surface.triangles))):
         with stage(message("Level {number}", number=number + 1), number / len(given), (number + 1) / len(given)):
-            levels[name] = _complete(asset, source, poses, given[name], matches[name], max_weights, keep_uv)
+            levels[name] = _complete(asset, source, poses, given[name], placed[name], max_weights, keep_uv)
     return levels
 
 
@@ -212,25 +218,41 @@ def _level(
     return Level(level, match, tuple(notes), *errors_of_level(source, at_rest(level), found))
 
 
-def _match_in_place(source: Asset, level: Asset, name: str) -> SurfaceMap:
-    """The map of a mesh to the closest points on the same side of an asset, both at rest.
+@dataclass(frozen=True, eq=False)
+class _Placed:
+    """A given mesh on an asset, both at rest.
+
+    Attributes:
+        surface_map: the map of its vertices (k,) to the asset.
+        groups: (k,) numbers of groups that they belong to; a group joins connected parts of the mesh to those of the
+            asset that they replace.
+        groups_of_asset: (n,) the groups that the asset's vertices belong to.
+    """
+
+    surface_map: SurfaceMap
+    groups: Integers
+    groups_of_asset: Integers
+
+
+def _place_on(source: Asset, parts: Integers, level: Asset, name: str) -> _Placed:
+    """Map a mesh to the closest points on the same side of an asset, both at rest.
+
+    Args:
+        source: the asset.
+        parts: (n,) the connected parts of its vertices.
+        level: the mesh.
+        name: its name.
 
     Raises:
         MeshError: the mesh is not in the place of the asset.
     """
     surface, made = source.surface, level.surface
     first, of_vertex = _merge_places(made.vertices)
-    points, one_part = made.vertices[first], np.zeros(max(len(first), len(surface.vertices)), dtype=np.int64)
-    normals = vertex_normals(points, of_vertex[made.triangles])
-    places = Places(points, normals, one_part[: len(points)], [])
-    triangle, barycentric = closest_facing(
-        surface.vertices, surface.triangles, one_part[: len(surface.vertices)], places
-    )
-    without = np.flatnonzero(~barycentric.any(axis=1))  # such as the inner side of a sheet that has one in the asset
-    if len(without):
-        search = SurfaceSearch(surface.vertices, surface.triangles)
-        triangle[without], barycentric[without] = search.closest(points[without])
-    found = SurfaceMap(triangle, barycentric, surface.triangles)
+    points, triangles = made.vertices[first], of_vertex[made.triangles]
+    normals, edges = vertex_normals(points, triangles), unique_edges(triangles)[0]
+    own = components(edges, len(first))
+    one, whole = np.zeros_like(own), np.zeros_like(parts)
+    found = _map_to_side(surface, whole, Places(points, normals, one, []))
     distance = row_norms(found.interpolate(surface.vertices) - points)
     extent = float(np.ptp(surface.vertices[surface.triangles.ravel()], axis=0).max())
     if np.mean(distance > FAR * extent) > MAX_FAR_SHARE:
@@ -239,7 +261,45 @@ def _match_in_place(source: Asset, level: Asset, name: str) -> SurfaceMap:
             "use Transfer, which matches meshes of other poses and shapes.",
             name=name,
         )
-    return SurfaceMap(triangle[of_vertex], barycentric[of_vertex], surface.triangles)
+    groups, groups_of_asset = _group_parts(own, parts, parts[surface.triangles[found.triangle, 0]])
+    own_part = _map_to_side(surface, groups_of_asset, Places(points, normals, groups, []))
+    farther = row_norms(own_part.interpolate(surface.vertices) - points) - distance
+    closest = farther > ASIDE * extent
+    triangle = np.where(closest, found.triangle, own_part.triangle)
+    barycentric = np.where(closest[:, None], found.barycentric, own_part.barycentric)
+    in_full = SurfaceMap(triangle[of_vertex], barycentric[of_vertex], surface.triangles)
+    return _Placed(in_full, groups[of_vertex], groups_of_asset)
+
+
+def _map_to_side(surface: Surface, groups: Integers, places: Places) -> SurfaceMap:
+    """The closest points of a surface, whose vertices belong to groups (n,), that do not face opposite to places.
+
+    Places without one get the closest of all, such as the inner side of a sheet that has only one side on the surface.
+    """
+    triangle, barycentric = closest_facing(surface.vertices, surface.triangles, groups, places)
+    without = np.flatnonzero(~barycentric.any(axis=1))
+    if len(without):
+        search = SurfaceSearch(surface.vertices, surface.triangles)
+        triangle[without], barycentric[without] = search.closest(places.points[without])
+    return SurfaceMap(triangle, barycentric, surface.triangles)
+
+
+def _group_parts(own: Integers, parts: Integers, there: Integers) -> tuple[Integers, Integers]:
+    """Groups of the vertices of a given mesh (k,) and of an asset (n,), so that layers receive data of their own layer.
+
+    Args:
+        own: (k,) the connected parts of the mesh.
+        parts: (n,) those of the asset.
+        there: (k,) those at the closest points on the asset.
+    """
+    count = 1 + own.max()
+    votes = csr_array((np.ones(len(own)), (own, there)), shape=(count, 1 + parts.max()))
+    most = votes.max(axis=1).toarray().ravel()
+    share = coo_array(votes / most[:, None])
+    joined = share.data > JOINED
+    pairs = np.column_stack([share.row, share.col + count])[joined]
+    group = components(pairs, sum(votes.shape))
+    return group[own], group[count + parts]
 
 
 def _complete(
@@ -247,16 +307,17 @@ def _complete(
     source: Asset,
     poses: _Poses,
     given: Asset,
-    found: SurfaceMap,
+    placed: _Placed,
     max_weights: int | None,
     keep_uv: bool,
 ) -> Level:
-    """A given mesh with all data of an asset, whose state at rest is `source`, along the map of its vertices to it."""
+    """A given mesh with all data of an asset, whose state at rest is `source`."""
+    found = placed.surface_map
     match = SimpleNamespace(surface_map=found, confidence=np.ones(len(found.triangle)), has_partner=None)
     surface, skin = at_rest(given).surface, None
     if source.skin is not None and asset.skin is not None:
         weights = skin_weights(source.skin, map_target(match, source.surface, surface), max_weights)
-        weights = _fit_given_weights(source, surface, weights, poses)
+        weights = _fit_given_weights(source, surface, placed, weights, poses)
         rest, matrices = surface.vertices, blend_matrices(asset.skin.transforms[:, :3], weights)
         surface = surface.with_vertices(transform_points(matrices, rest))
         skin = replace(asset.skin, rest=rest, linear=np.linalg.pinv(matrices[:, :, :3]), weights=weights)
@@ -278,14 +339,14 @@ def _complete(
     return Level(level, match, (*asset.notes, *notes), *errors)
 
 
-def _fit_given_weights(source: Asset, surface: Surface, weights: csr_array, poses: _Poses) -> csr_array:
+def _fit_given_weights(
+    source: Asset, surface: Surface, placed: _Placed, weights: csr_array, poses: _Poses
+) -> csr_array:
     """Weights of a given mesh at rest that are fitted to an asset at rest; vertices in one place share theirs."""
     first, of_vertex = _merge_places(surface.vertices)
-    places = _places(source, poses, poses.parts, FITTED * len(first))
-    places = replace(places, parts=np.zeros_like(places.parts))  # a given mesh may join parts of the asset
-    whole = np.zeros(len(first), dtype=np.int64)
-    triangles = of_vertex[surface.triangles]
-    fitted = fit_weights(surface.vertices[first], triangles, whole, csr_array(weights[first]), poses.joints, places)
+    groups, triangles = placed.groups[first], of_vertex[surface.triangles]
+    places = _places(source, poses, placed.groups_of_asset, groups, FITTED * len(first))
+    fitted = fit_weights(surface.vertices[first], triangles, groups, csr_array(weights[first]), poses.joints, places)
     return csr_array(fitted[of_vertex])
 
 
@@ -488,7 +549,7 @@ def _fit(source: Asset, level: Asset, used: Integers, poses: _Poses) -> Asset:
     """A level, moved and weighted to be close to the asset in all poses; vertices in one place stay together."""
     rest = at_rest(level).surface.vertices
     first, of_vertex = _merge_places(rest)
-    places = _places(source, poses, poses.parts[used], FITTED * len(first))
+    places = _places(source, poses, poses.parts, poses.parts[used], FITTED * len(first))
     triangles, own_parts = of_vertex[level.surface.triangles], poses.parts[used[first]]
     pairs = mirror_pairs(rest[first])
 
@@ -511,12 +572,12 @@ def _fit(source: Asset, level: Asset, used: Integers, poses: _Poses) -> Asset:
     return replace(level, surface=placed, skin=replace(level.skin, rest=moved))
 
 
-def _places(source: Asset, poses: _Poses, parts: Integers, count: int) -> Places:
-    """At most `count` points of an asset at rest, vertices and centres of triangles, in some of its parts."""
+def _places(source: Asset, poses: _Poses, parts: Integers, kept: Integers, count: int) -> Places:
+    """At most `count` points of an asset at rest, vertices and centres of triangles, of which parts (n,) are kept."""
     surface = source.surface
     vertices = np.unique(surface.triangles)
-    part = poses.parts[np.concatenate([vertices, surface.triangles[:, 0]])]
-    chosen = np.random.default_rng(0).permutation(np.flatnonzero(np.isin(part, parts)))[:count]
+    part = parts[np.concatenate([vertices, surface.triangles[:, 0]])]
+    chosen = np.random.default_rng(0).permutation(np.flatnonzero(np.isin(part, kept)))[:count]
 
     def place(positions: Floats) -> Floats:
         found = np.concatenate([positions[vertices], positions[surface.triangles].mean(axis=1)])

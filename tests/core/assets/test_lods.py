@@ -25,7 +25,7 @@ from zoomout_core.cli import main
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.mesh.mirror_pairs import mirror_pairs
 from zoomout_core.mesh.simplify import SIMPLIFICATION
-from zoomout_core.mesh.triangles import area_normals, unit_vectors
+from zoomout_core.mesh.triangles import area_normals, unit_vectors, vertex_normals
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 from zoomout_core.tuning import Tuning, retune
 
@@ -364,6 +364,37 @@ def test_given_meshes_take_data_of_their_side_of_a_thin_sheet() -> None:
     moved = Asset(surface.with_vertices(surface.vertices + np.array([0, 0, 0.006])))
     found = complete_levels(Asset(surface, (side,)), {"sheet": moved})["sheet"].asset.find("materials")
     assert (np.asarray(found.values) == up).mean() > 0.95
+
+
+def test_layers_of_given_meshes_take_data_of_their_layers() -> None:
+    """A fifth of the vertices of the outer one of two layers are closer to the inner one, as in coarse meshes."""
+    inner = creature(2000).surface
+    extent, count = np.ptp(inner.vertices, axis=0).max(), len(inner.vertices)
+    normals = vertex_normals(inner.vertices, inner.triangles)
+    layers = [inner.vertices + offset * extent * normals for offset in (0, 0.004, 0.0015)]
+    triangles = np.concatenate([inner.triangles, inner.triangles + count])
+    colors = np.repeat([[1.0, 0, 0, 1], [0, 0, 1.0, 1]], count, axis=0)
+    asset = Asset(
+        zo.Surface(np.concatenate(layers[:2]), triangles), (Attribute("color 0", Domain.POINT, Kind.COLOR, colors),)
+    )
+    noise = np.random.default_rng(0).uniform(0, 0.0025, count)[:, None] * extent * normals
+    given = zo.Surface(np.concatenate([layers[0], layers[2] + noise]), triangles)
+    color = complete_levels(asset, {"level": Asset(given)})["level"].asset.find("color 0")
+    np.testing.assert_allclose(color.values, colors, atol=1e-6)
+
+
+def test_small_parts_that_a_given_mesh_joins_to_a_large_one_keep_their_data() -> None:
+    body = creature(2000).surface
+    extent, count = np.ptp(body.vertices, axis=0).max(), len(body.vertices)
+    hat = 0.1 * creature(200).surface.vertices + [0, 0, 0.6 * extent]
+    triangles = np.concatenate([body.triangles, creature(200).surface.triangles + count])
+    vertices = np.concatenate([body.vertices, hat])
+    colors = np.repeat([[1.0, 0, 0, 1], [0, 0, 1.0, 1]], [count, len(hat)], axis=0)
+    asset = Asset(zo.Surface(vertices, triangles), (Attribute("color 0", Domain.POINT, Kind.COLOR, colors),))
+    bridge = [[int(body.vertices[:, 2].argmax()), count, count + 1]]
+    given = Asset(zo.Surface(vertices, np.concatenate([triangles, bridge])))
+    color = complete_levels(asset, {"level": given})["level"].asset.find("color 0")
+    np.testing.assert_allclose(color.values, colors, atol=1e-6)
 
 
 def test_meshes_elsewhere_are_refused(folder: Path, hand_made: list[Path], tmp_path: Path) -> None:
