@@ -20,7 +20,7 @@ from scipy.sparse import coo_array, csr_array
 from zoomout_core.arrays import Booleans, Floats, Integers, row_norms, segment_sum
 from zoomout_core.assets.asset import MATERIALS, NORMALS, SHAPE_KEYS, UV, Asset, at_rest, on_corners
 from zoomout_core.assets.fit_level import LEVEL_FIT, Places, closest_facing, fit_level, fit_weights
-from zoomout_core.assets.transfer_asset import skin_weights
+from zoomout_core.assets.transfer_asset import place_all, skin_weights
 from zoomout_core.geometry.closest_points import SurfaceSearch
 from zoomout_core.maps.surface_map import SurfaceMap, interpolation_matrix
 from zoomout_core.mesh.memory import memory_in_words
@@ -246,7 +246,7 @@ def _place_on(source: Asset, parts: Integers, level: Asset, name: str) -> _Place
     Raises:
         MeshError: the mesh is not in the place of the asset.
     """
-    surface, made = source.surface, level.surface
+    surface, made = source.surface, place_all(level.surface)
     first, of_vertex = _merge_places(made.vertices)
     points, triangles = made.vertices[first], of_vertex[made.triangles]
     normals, edges = vertex_normals(points, triangles), unique_edges(triangles)[0]
@@ -314,7 +314,7 @@ def _complete(
     """A given mesh with all data of an asset, whose state at rest is `source`."""
     found = placed.surface_map
     match = SimpleNamespace(surface_map=found, confidence=np.ones(len(found.triangle)), has_partner=None)
-    surface, skin = at_rest(given).surface, None
+    surface, skin = place_all(at_rest(given).surface), None
     if source.skin is not None and asset.skin is not None:
         weights = skin_weights(source.skin, map_target(match, source.surface, surface), max_weights)
         weights = _fit_given_weights(source, surface, placed, weights, poses)

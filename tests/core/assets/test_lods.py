@@ -340,6 +340,14 @@ def test_weights_of_given_meshes_are_fitted(coarse: tuple[Asset, Level]) -> None
         assert complete_levels(source, given)["level"].posed_error > 1.01 * level.posed_error
 
 
+def test_unused_vertices_of_given_meshes_need_no_place(coarse: tuple[Asset, Level]) -> None:
+    source, made = coarse
+    bare = at_rest(made.asset).surface
+    given = Asset(zo.Surface(np.vstack([bare.vertices, [[np.nan] * 3]]), bare.triangles))
+    level = complete_levels(source, {"level": given})["level"]
+    assert level.posed_error < 1.05 * made.posed_error
+
+
 @pytest.mark.parametrize("bend", [0.0, 0.7])
 def test_given_meshes_receive_shape_keys_and_the_pose_of_the_file(tmp_path: Path, bend: float) -> None:
     write_tube(tmp_path / "tube.glb", bend=bend)
