@@ -19,7 +19,8 @@ True
 `bake_textures(context, scan, api.Baking(size=4096))` bakes the images of the source's materials into the UV map of a
 matched target, and gives it materials that show them.
 
-`make_levels(context, hero, api.LevelChoice(ratios=(0.5, 0.2)))` makes levels of detail with all data of a mesh.
+`make_levels(context, hero, api.LevelChoice(ratios=(0.5, 0.2)))` makes levels of detail with all data of a mesh;
+`api.LevelChoice(meshes=("Low", "Lower"))` uses meshes that were made by hand.
 
 Where the shapes alone mislead the match, set landmarks, which are vertices of both meshes that correspond:
 

@@ -71,7 +71,7 @@ from .layers import (
     write_active_layers,
     write_layer,
 )
-from .levels import DetailedMesh, add_level, read_detailed_mesh
+from .levels import DetailedMesh, add_level, read_detailed_mesh, read_given_level
 from .live_link import (
     NODE_TYPES,
     LinkedLayer,
@@ -258,6 +258,7 @@ __all__ = [
     "read_detailed_mesh",
     "read_faces",
     "read_full_offsets",
+    "read_given_level",
     "read_image_uses",
     "read_joined_active_layers",
     "read_joined_active_uv_map",

@@ -14,6 +14,8 @@ from scipy.sparse import csr_array, diags_array
 from zoomout_core.arrays import Floats
 from zoomout_core.assets.asset import MATERIALS, NORMALS, SHAPE_KEYS, UV, Asset, Skin
 from zoomout_core.assets.lods import Level
+from zoomout_core.maps.surface_map import interpolation_matrix
+from zoomout_core.mesh.surface import MeshError
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 from zoomout_core.transfer.rigging.skinning import normalise
 
@@ -30,6 +32,7 @@ from .layers import (
     write_active_layers,
     write_layer,
 )
+from .matrices import transform_points, world_matrix
 from .normals import read_own_normals, write_custom_normals
 from .shape_keys import (
     ShapeKeys,
@@ -38,7 +41,7 @@ from .shape_keys import (
     write_animation,
     write_shape_keys,
 )
-from .surfaces import positions_in_object, read_surface_at_rest
+from .surfaces import is_mirrored, positions_in_object, read_surface_at_rest
 from .vertex_groups import read_weights, write_weights
 
 SMOOTH = "smooth"
@@ -95,11 +98,29 @@ def read_detailed_mesh(obj: Object) -> DetailedMesh:
     return DetailedMesh(asset, layers, read_active_layers(mesh), weights, keys, left_out)
 
 
+def read_given_level(given: Object, obj: Object) -> Asset:
+    """The shape at rest of a mesh that is to be a level of an object, and its UV maps, in the object's space.
+
+    Raises:
+        MeshError: there is no surface, or it is mirrored relative to the object.
+    """
+    mesh = given.data
+    if is_mirrored(given) != is_mirrored(obj):
+        raise MeshError(
+            "'{name}' is mirrored by a negative scale: apply it first, with Object > Apply > Scale.", name=given.name
+        )
+    placed = positions_in_object(obj, transform_points(world_matrix(given), read_rest_positions(mesh)))
+    maps = [layer.attribute for layer in read_layers(mesh)[0] if layer.role is Role.UV_MAP]
+    named = [replace(each, name=f"{UV} {number}") for number, each in enumerate(maps)]
+    return Asset(read_surface_at_rest(given, positions=placed), tuple(named))
+
+
 def add_level(obj: Object, name: str, detailed: DetailedMesh, level: Level) -> Object:
     """A copy of an object with the mesh of a level, outside any collection."""
     asset, source = level.asset, obj.data
     mesh = bpy.data.meshes.new(name)
-    mesh.from_pydata(asset.surface.vertices, [], asset.surface.triangles)
+    surface = asset.surface
+    mesh.from_pydata(surface.vertices, [], np.split(surface.corner_vertex, surface.face_start[1:-1]))
     for material in source.materials:
         mesh.materials.append(material)
     mesh.polygons.foreach_set("material_index", _values(asset, MATERIALS).astype(np.int32))
@@ -124,7 +145,10 @@ def add_level(obj: Object, name: str, detailed: DetailedMesh, level: Level) -> O
 
 def _weights(detailed: DetailedMesh, level: Level) -> csr_array:
     """(k, groups) weights of a level: those of its joints, with the mesh's sums, and other groups as in the mesh."""
-    own = csr_array(csr_array(detailed.weights.values)[level.vertices].astype(np.float64))
+    found, mesh_weights = level.match.surface_map, csr_array(detailed.weights.values).astype(np.float64)
+    corners = found.source_triangles[found.triangle]
+    own = csr_array(interpolation_matrix(corners, found.barycentric, mesh_weights.shape[0]) @ mesh_weights)
+    own.eliminate_zeros()
     skin = level.asset.skin
     if skin is None:
         return own

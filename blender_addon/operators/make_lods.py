@@ -3,10 +3,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 
 from bpy.types import Context
 
+from zoomout_core.mesh.surface import MeshError
 from zoomout_core.messages import enumeration
 
 from ..properties.lods import LevelOptions
@@ -28,7 +30,12 @@ class ZOOMOUT_OT_make_lods(LevelOptions, ModalOperator):
 
     async def work(self, context: Context) -> str:
         take_settings(self, context.scene.zoomout)
-        names = [obj.name for obj in chosen_targets(context, None)]
-        outcome = await each_target(names, partial(prepare_levels, context, choice=LevelChoice(**self.level_choice())))
+        names, choice = [obj.name for obj in chosen_targets(context)], LevelChoice(**self.level_choice())
+        if self.lod_source == "SELECTED":
+            names, meshes = names[:1], tuple(names[1:])
+            if not meshes:
+                raise MeshError("No meshes of levels are selected: select them first, and the detailed mesh last.")
+            choice = replace(choice, meshes=meshes)
+        outcome = await each_target(names, partial(prepare_levels, context, choice=choice))
         self.report_failed(outcome)
         return enumeration((summary(report) for report in outcome.done.values()), "; ")

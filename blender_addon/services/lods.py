@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -12,7 +12,7 @@ from typing import Any
 import bpy
 from bpy.types import Collection, Context, Object
 
-from zoomout_core.assets.lods import Level, make_lods
+from zoomout_core.assets.lods import Level, complete_levels, make_lods
 from zoomout_core.messages import enumeration, message, sentences
 from zoomout_core.runtime.progress import stage
 
@@ -34,17 +34,23 @@ class LevelChoice:
     Attributes:
         ratios: for each level after the object itself the share of its vertices, between 0 and 1.
         max_weights: how many bones may move a vertex of these levels; 0 for as many as in the object.
+        meshes: names of objects whose meshes are to be the levels, instead of simplified ones, in any order; they are
+            in the place and rest pose of the object.
+        keep_uv: whether these meshes keep their own UV maps.
     """
 
     ratios: tuple[float, ...] = (0.5, 0.25, 0.125)
     max_weights: int = 4
+    meshes: tuple[str, ...] = ()
+    keep_uv: bool = False
 
 
 def make_levels(context: Context, obj: Object, choice: LevelChoice | None = None) -> dict[str, Any]:
     """Make levels of detail of an object, with its weights, shape keys, UV maps, attributes, materials and normals.
 
     They are copies of the object with new meshes, named `NAME_LOD1` and so on, in a collection. `NAME_LOD0` shares the
-    object's mesh. They are hidden in the view, as all are in the same place. Earlier levels are replaced.
+    object's mesh. They are hidden in the view, as all are in the same place. Earlier levels are replaced. Objects with
+    given meshes stay; if one has the name of a level, " given" is added to it.
 
     Args:
         context: Blender's; the object is in its scene.
@@ -56,7 +62,8 @@ def make_levels(context: Context, obj: Object, choice: LevelChoice | None = None
         `rest_error` and `posed_error` (see `zoomout_core.assets.lods.Level`); `notes` are sentences.
 
     Raises:
-        MeshError: the object has no surface, or a level would have too few vertices; nothing was written.
+        MeshError: the object has no surface, a level would have too few vertices, or a given mesh is elsewhere; nothing
+            was written.
     """
     return run(prepare_levels(context, obj.name, choice or LevelChoice()))()
 
@@ -65,15 +72,22 @@ async def prepare_levels(context: Context, name: str, choice: LevelChoice) -> Wr
     """`make_levels` without writing: returns a function that writes."""
     with stage("Reading the mesh", 0, 0):
         obj = find_mesh(context, name)
-        content, detailed = mesh_data.content_hash(obj.data), mesh_data.read_detailed_mesh(obj)
+        detailed = mesh_data.read_detailed_mesh(obj)
+        given = {each: mesh_data.read_given_level(find_mesh(context, each), obj) for each in choice.meshes}
+        contents = {each: mesh_data.content_hash(find_mesh(context, each).data) for each in (name, *given)}
         await pause()
     limit = choice.max_weights or None
-    levels = await compute(partial(make_lods, detailed.asset, choice.ratios, limit))
+    if given:
+        completed = await compute(partial(complete_levels, detailed.asset, given, limit, choice.keep_uv))
+        levels = list(completed.values())
+    else:
+        levels = await compute(partial(make_lods, detailed.asset, choice.ratios, limit))
 
     def write() -> dict[str, Any]:
         obj = find_mesh(context, name)
-        if mesh_data.content_hash(obj.data) != content:
-            raise edit_error(name)
+        for each, content in contents.items():
+            if mesh_data.content_hash(find_mesh(context, each).data) != content:
+                raise edit_error(each)
         base = SUFFIX.sub("", name)
         with mesh_data.all_or_nothing() as writing:
             earlier = [each for each in bpy.data.objects if each.get(LEVEL_OF) == name and each.library is None]
@@ -87,8 +101,9 @@ async def prepare_levels(context: Context, name: str, choice: LevelChoice) -> Wr
                 mesh_data.add_level(obj, f"{base}_LOD{number}", detailed, level)
                 for number, level in enumerate(levels, start=1)
             ]
-            for each in made:
+            for number, each in enumerate(made, start=1):
                 _place(context, each, name, collection)
+                _free_name(each, f"{base}_LOD{number}", given)
         return {
             "source": name,
             "collection": collection.name,
@@ -133,6 +148,14 @@ def _place(context: Context, level: Object, name: str, collection: Collection) -
     level.select_set(False)
     if level.name in context.view_layer.objects:
         level.hide_set(True)
+
+
+def _free_name(level: Object, name: str, given: Container[str]) -> None:
+    """Give a level its name if one of the given objects has it, which is renamed."""
+    holder = bpy.data.objects.get((name, None))
+    if level.name != name and holder is not None and holder.name in given:
+        holder.name = f"{name} given"
+        level.name = name
 
 
 def _describe(made: Object, level: Level) -> dict[str, Any]:

@@ -4,7 +4,9 @@
 import bpy
 import numpy as np
 import pytest
-from rigged import BONES, POSE, set_pose, source_and_rig, visible_positions
+from bent_tube import tube
+from mathutils import Matrix
+from rigged import BONES, POSE, mesh_object, set_pose, source_and_rig, visible_positions
 from scenes import (
     activate,
     add_attribute,
@@ -112,9 +114,15 @@ def test_groups_of_bones_have_the_fitted_weights_and_others_those_of_the_mesh(so
     expected = np.column_stack([skin.weights.toarray()[:, skin.names.index(name)] for name in BONES])
     found, before = (np.column_stack([weight_array(obj, name) for name in BONES]) for obj in (made, source))
     np.testing.assert_allclose(found, expected, atol=1e-6)
-    assert np.abs(found - before[level.vertices]).max() > 0.01
+    assert np.abs(found - before[vertices_of(level)]).max() > 0.01
     pinned = [weight_array(obj, "Pinned") for obj in (made, source)]
-    np.testing.assert_allclose(pinned[0], pinned[1][level.vertices], atol=1e-6)
+    np.testing.assert_allclose(pinned[0], pinned[1][vertices_of(level)], atol=1e-6)
+
+
+def vertices_of(level):
+    """(n,) the vertex of the mesh that each vertex of a simplified level is."""
+    found = level.match.surface_map
+    return found.source_triangles[found.triangle, found.barycentric.argmax(axis=1)]
 
 
 def test_levels_replace_earlier_ones_in_the_same_collection(source):
@@ -143,3 +151,98 @@ def test_too_small_level_writes_nothing(source):
     with pytest.raises(zo.MeshError, match="A level cannot have"):
         api.make_levels(bpy.context, source, api.LevelChoice(ratios=(0.5, 0.0001)))
     assert snapshot_file() == before
+
+
+@pytest.fixture
+def given(source):
+    """Two tubes of quads in the place of the source, one moved and turned as an object, the coarser one first.
+
+    The coarser one has the name of the first level, and both have UV maps whose coordinates are (2, 3).
+    """
+    made = [mesh_object(name, tube(around, along)) for name, around, along in (("Source_LOD1", 8, 12), ("Low", 12, 25))]
+    for obj in made:
+        add_uv_map(obj.data, "Own")
+        obj.data.uv_layers["Own"].data.foreach_set("uv", np.tile([2.0, 3.0], len(obj.data.loops)))
+    turned = Matrix.Translation((1, 2, 3)) @ Matrix.Rotation(0.5, 4, "X")
+    made[1].data.transform(turned.inverted())
+    made[1].matrix_world = turned
+    bpy.context.view_layer.update()
+    return made
+
+
+def test_given_meshes_become_levels_with_the_data_of_the_mesh(source, given):
+    coarse, fine = given
+    faces = [len(obj.data.polygons) for obj in given]
+    activate(source, *given)
+    assert bpy.ops.zoomout.make_lods(lod_source="SELECTED", lod_max_weights=2) == {"FINISHED"}
+    (collection,) = bpy.context.scene.collection.children
+    assert sorted(obj.name for obj in collection.objects) == ["Source_LOD0", "Source_LOD1", "Source_LOD2"]
+    assert [obj.name for obj in given] == ["Source_LOD1 given", "Low"]
+    assert "UVMap" not in fine.data.uv_layers
+    for number, (own, count) in enumerate(((fine, faces[1]), (coarse, faces[0])), start=1):
+        level = bpy.data.objects[f"Source_LOD{number}"]
+        mesh, points = level.data, positions(level.data)
+        assert len(mesh.polygons) == count
+        assert {len(face.vertices) for face in mesh.polygons} >= {4}
+        expected = [tuple(own.matrix_world @ vertex.co) for vertex in own.data.vertices]
+        np.testing.assert_allclose(points, expected, atol=1e-4)
+        assert level.parent == source.parent
+        assert [slot.material for slot in level.material_slots] == [slot.material for slot in source.material_slots]
+        assert len(set(values_of(mesh.polygons, "material_index", np.int32))) == 2
+        assert [layer.name for layer in mesh.uv_layers] == ["UVMap"]
+        assert np.max(values(mesh, "UVMap")) < 2
+        np.testing.assert_allclose(values(mesh, "heat").ravel(), points[:, 2], atol=0.05)
+        wide = key_shape(mesh, "Wide") - points
+        np.testing.assert_allclose(wide[:, :2], points[:, :2] / 2, atol=0.05)
+        assert mesh.shape_keys.animation_data.drivers[0].driver.expression == "0"
+        assert mesh.has_custom_normals
+        each = np.column_stack([weight_array(level, name) for name in BONES])
+        assert (each > 0).sum(axis=1).max() <= 2
+        np.testing.assert_allclose(each.sum(axis=1), 1, atol=1e-5)
+
+
+def test_given_levels_follow_the_rig_like_the_mesh(source, given):
+    choice = api.LevelChoice(meshes=tuple(obj.name for obj in given))
+    levels = api.make_levels(bpy.context, source, choice)["levels"]
+    assert all(each["rest_error"] < 0.02 for each in levels)
+    assert all(each["posed_error"] < 1.2 * each["rest_error"] for each in levels)
+
+
+def test_given_meshes_may_keep_their_uv_maps(source, given):
+    choice = api.LevelChoice(meshes=("Low",), keep_uv=True)
+    api.make_levels(bpy.context, source, choice)
+    (level,) = [obj for obj in bpy.data.objects if obj.name.startswith("Source_LOD1") and obj != given[0]]
+    np.testing.assert_allclose(values(level.data, "UVMap"), np.tile([2, 3], (len(level.data.loops), 1)))
+
+
+def test_edited_level_can_be_given_again(source):
+    api.make_levels(bpy.context, source, api.LevelChoice(ratios=(0.5,)))
+    edited = positions(bpy.data.objects["Source_LOD1"].data) * [1.01, 1, 1]
+    level = bpy.data.objects["Source_LOD1"].data
+    level.shape_keys.reference_key.points.foreach_set("co", edited.astype(np.float32).ravel())
+    api.make_levels(bpy.context, source, api.LevelChoice(meshes=("Source_LOD1",)))
+    assert sorted(obj.name for obj in bpy.data.collections["Source LODs"].objects) == ["Source_LOD0", "Source_LOD1"]
+    np.testing.assert_allclose(positions(bpy.data.objects["Source_LOD1"].data), edited, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        (Matrix.Translation((2, 0, 0)), "'Low' is not in the place and rest pose of the mesh"),
+        (Matrix.Scale(-1, 4, (1, 0, 0)), "'Low' is mirrored by a negative scale"),
+    ],
+)
+def test_unfit_given_meshes_write_nothing(source, given, change, sentence):
+    given[1].matrix_world = change @ given[1].matrix_world
+    bpy.context.view_layer.update()
+    before = snapshot_file()
+    activate(source, *given)
+    with pytest.raises(RuntimeError, match=sentence):
+        bpy.ops.zoomout.make_lods(lod_source="SELECTED")
+    assert snapshot_file() == before
+
+
+def test_selected_meshes_need_a_selection(source):
+    activate(source)
+    with pytest.raises(RuntimeError, match="No meshes of levels are selected"):
+        bpy.ops.zoomout.make_lods(lod_source="SELECTED")

@@ -108,7 +108,7 @@ def fit_level(
     across = along[:, :, None] * along[:, None]
     held = DAMPING * across + LEVEL_FIT.slip * (np.eye(3) - across)
     for _ in range(rounds):
-        triangle, barycentric = _closest(fitted, triangles, parts, places)
+        triangle, barycentric = closest_facing(fitted, triangles, parts, places)
         matrix, right = _normal_equations(fitted, triangles, triangle, barycentric, poses, blocks)
         scale = float(np.trace(matrix[blocks.diagonal], axis1=1, axis2=2).mean()) / 3
         matrix += scale * smoothness
@@ -132,7 +132,7 @@ def fit_weights(
         places: where the original mesh is.
     """
     shares, corner = normalise(weights), triangles.ravel()
-    triangle, barycentric = _closest(vertices, triangles, parts, places)
+    triangle, barycentric = closest_facing(vertices, triangles, parts, places)
     squares = (barycentric[:, :, None] * barycentric[:, None]).reshape(-1, 9)
     products = segment_sum(squares, triangle, len(triangles)).reshape(-1, 3, 3)
     mass = bsr_array((products, np.arange(len(triangles)), np.arange(len(triangles) + 1)))
@@ -162,7 +162,7 @@ def fit_weights(
     return normalise(csr_array((np.maximum(found, 0), shares.indices, shares.indptr), shape=shares.shape))
 
 
-def _closest(vertices: Floats, triangles: Integers, parts: Integers, places: Places) -> tuple[Integers, Floats]:
+def closest_facing(vertices: Floats, triangles: Integers, parts: Integers, places: Places) -> tuple[Integers, Floats]:
     """The closest points of triangles of the same part that do not face opposite to the places.
 
     Where the closest triangle does, as behind a sheet that is thinner than the triangle is wide, others are searched

@@ -110,7 +110,7 @@ def transfer_asset(
     chosen, skin = select_data(source, kinds)
     if move_rig and skin is None:
         raise MeshError("The source has no joints to move: choose a rigged source, and transfer its skin weights.")
-    mapped = map_target(match, source.surface, _place_all(target.surface), fill_below)
+    mapped = map_target(match, source.surface, place_all(target.surface), fill_below)
     # Replace all of the target's data of a kind together.
     replaced = {kind_of(each) for each in chosen}
     received = {each.name: each for each in target.attributes if kind_of(each) not in replaced}
@@ -148,7 +148,7 @@ def transfer_asset(
     return TransferredAsset(asset, tuple(each.name for each in chosen), tuple(notes), motions)
 
 
-def _place_all(surface: Surface) -> Surface:
+def place_all(surface: Surface) -> Surface:
     """A surface with its vertices that are not numbers, which no face uses, at a place among the others."""
     broken = np.isnan(surface.vertices).any(axis=1)
     if not broken.any():

@@ -10,7 +10,7 @@ from typing import Any
 
 import click
 
-from zoomout_core.assets.asset import Asset
+from zoomout_core.assets.asset import UV, Asset
 from zoomout_core.assets.files import (
     GLTF,
     WRITERS,
@@ -21,7 +21,7 @@ from zoomout_core.assets.files import (
     read_asset,
     write_asset,
 )
-from zoomout_core.assets.lods import Level, make_lods, with_fewer_weights, with_level_names
+from zoomout_core.assets.lods import Level, complete_levels, make_lods, with_fewer_weights, with_level_names
 from zoomout_core.assets.stored_map import stored_map_of
 from zoomout_core.assets.transfer_asset import KINDS
 from zoomout_core.batch import is_folder
@@ -40,11 +40,19 @@ RATIOS = "0.5,0.25,0.1"
 @click.option("-o", "--output", required=True, type=click.Path(), help="The folder to write the levels to.")
 @click.option(
     "--ratios",
-    default=RATIOS,
-    show_default=True,
+    show_default=RATIOS,
     metavar="SHARE,SHARE",
     help="The share of vertices that each level keeps.",
 )
+@click.option(
+    "--level",
+    "given",
+    multiple=True,
+    metavar="FILE",
+    type=click.Path(),
+    help="A mesh made by hand to use as a level, instead of simplifying MESH, in its place and rest pose; repeatable.",
+)
+@click.option("--keep-uv", is_flag=True, help="Meshes of --level keep their own texture coordinates if they have any.")
 @click.option("--max-weights", type=click.IntRange(min=1), help="Largest number of joints of a vertex, in all levels.")
 @click.option(
     "--format",
@@ -63,7 +71,9 @@ RATIOS = "0.5,0.25,0.1"
 def lods(
     mesh: str,
     output: str,
-    ratios: str,
+    ratios: str | None,
+    given: tuple[str, ...],
+    keep_uv: bool,
     max_weights: int | None,
     ending: str,
     keep_map: bool,
@@ -75,33 +85,50 @@ def lods(
 
     MESH is decimated to each share of its vertices. Each level receives texture coordinates, colours, materials, morph
     targets, normals and skin weights from MESH itself, not from the level before, and keeps its joints and animations.
+    Meshes of --level receive the same, in order of their triangle counts; their vertices and faces stay.
     The files are named after MESH, with _LOD0 for MESH itself, then _LOD1 and so on.
     """
     try:
-        shares, folder = _read_ratios(ratios), Path(output)
+        if given and ratios is not None:
+            raise OptionError("--level and --ratios exclude each other: give one of them.")
+        if keep_uv and not given:
+            raise OptionError("--keep-uv is for meshes of --level: give these, or leave it out.")
+        shares, folder = [] if given else _read_ratios(ratios or RATIOS), Path(output)
+        given = tuple(dict.fromkeys(given))
+        count = len(given or shares)
         if not is_folder(output):
-            raise MeshError(f"{output} is a file, but there are {len(shares) + 1} levels: give a folder.")
+            raise MeshError(f"{output} is a file, but there are {count + 1} levels: give a folder.")
         if keep_map and f".{ending}" not in GLTF:
             raise OptionError(f"--keep-map needs files in glTF: choose --format {' or '.join(e[1:] for e in GLTF)}.")
-        paths = [folder / f"{Path(mesh).stem}_LOD{number}.{ending}" for number in range(len(shares) + 1)]
-        if Path(mesh).suffix.lower() in OF_BLENDER:
-            raise MeshError(f"zoomout lods reads only the shape of {mesh}: export it as .glb.")
-        inputs = inputs_of(mesh, folders=folders)
-        check_output(paths[0] if folder.is_dir() else folder, inputs)
+        paths = [folder / f"{Path(mesh).stem}_LOD{number}.{ending}" for number in range(count + 1)]
+        for read in (mesh, *given):
+            if Path(read).suffix.lower() in OF_BLENDER:
+                raise MeshError(f"zoomout lods reads only the shape of {read}: export it as .glb.")
+        inputs = inputs_of(mesh, *given, folders=folders)
+        for path in paths if folder.is_dir() else [folder]:
+            check_output(path, inputs)
         asset = read_asset(mesh, folders)
         check_avatar(asset, paths[0])
         check_compression(paths[0], compression)
         check_writable(asset, mesh, f".{ending}")
+        meshes = {each: read_asset(each, folders) for each in given}
         with progress_bar():
-            levels = make_lods(asset, shares, max_weights)
+            if given:
+                found = complete_levels(asset, meshes, max_weights, keep_uv)
+                names, levels = list(found), list(found.values())
+            else:
+                names, levels = [], make_lods(asset, shares, max_weights)
         first = asset if max_weights is None else with_fewer_weights(asset, max_weights)
-        assets = [first, *(_with_map(level, asset) if keep_map else level.asset for level in levels)]
+        kinds = tuple(kind for kind in KINDS if not (keep_uv and kind == UV))
+        assets = [first, *(_with_map(level, asset, kinds) if keep_map else level.asset for level in levels)]
         folder.mkdir(exist_ok=True)
         rows = []
         for number, (each, path) in enumerate(zip(assets, paths, strict=True)):
             left_out = write_asset(with_level_names(each, number), path, inputs, compression)
             notes = [*(levels[number - 1].notes if number else asset.notes), *left_out]
             rows.append(_figures(path, each, levels[number - 1] if number else None, notes))
+            if number and names:
+                rows[-1]["made_from"] = names[number - 1]
     except (ValueError, OSError, ImportError) as error:
         raise click.ClickException(str(error)) from None
     if as_json:
@@ -123,8 +150,8 @@ def _read_ratios(text: str) -> list[float]:
         raise OptionError(f"--ratios is {text!r}: give shares such as {RATIOS}, separated by commas.") from None
 
 
-def _with_map(level: Level, asset: Asset) -> Asset:
-    return replace(level.asset, stored_map=stored_map_of(level.match, asset.surface, KINDS))
+def _with_map(level: Level, asset: Asset, kinds: tuple[str, ...]) -> Asset:
+    return replace(level.asset, stored_map=stored_map_of(level.match, asset.surface, kinds))
 
 
 def _figures(path: Path, asset: Asset, level: Level | None, notes: list[str]) -> dict[str, Any]:
@@ -146,7 +173,8 @@ def _figures(path: Path, asset: Asset, level: Level | None, notes: list[str]) ->
 
 def _line(row: dict[str, Any]) -> str:
     """The figures of a level in a line."""
-    line = f"{row['output']}: {row['vertices']:,} vertices, {row['triangles']:,} triangles"
+    made = f" from {row['made_from']}" if "made_from" in row else ""
+    line = f"{row['output']}{made}: {row['vertices']:,} vertices, {row['triangles']:,} triangles"
     if "rest_error" in row:
         line += f", mean error {row['rest_error']:.3%} of the extent at rest"
     if row.get("posed_error") is not None:

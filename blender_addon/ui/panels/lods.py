@@ -19,7 +19,11 @@ class ZOOMOUT_PT_lods(SidebarPanel, Panel):
     def draw(self, context: Context) -> None:
         layout, settings = self.layout, context.scene.zoomout
         split_properties(layout)
-        layout.prop(settings, "lod_count")
-        layout.prop(settings, "lod_ratio")
+        layout.prop(settings, "lod_source")
+        if settings.lod_source == "RATIOS":
+            layout.prop(settings, "lod_count")
+            layout.prop(settings, "lod_ratio")
+        else:
+            layout.prop(settings, "lod_keep_uv")
         layout.prop(settings, "lod_max_weights")
         layout.operator(ZOOMOUT_OT_make_lods.bl_idname, icon="MOD_DECIM")

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,12 +19,13 @@ import zoomout_core as zo
 from zoomout_core.assets.asset import NORMALS, SHAPE_KEYS, Asset, Skin, at_rest
 from zoomout_core.assets.files import read_asset, write_asset
 from zoomout_core.assets.fit_level import LEVEL_FIT
-from zoomout_core.assets.lods import Level, make_lods, with_fewer_weights
+from zoomout_core.assets.lods import Level, complete_levels, make_lods, with_fewer_weights
+from zoomout_core.assets.stored_map import digest_of
 from zoomout_core.cli import main
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.mesh.mirror_pairs import mirror_pairs
 from zoomout_core.mesh.simplify import SIMPLIFICATION
-from zoomout_core.mesh.triangles import area_normals, unit_vectors
+from zoomout_core.mesh.triangles import area_normals, unit_vectors, vertex_normals
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 from zoomout_core.tuning import Tuning, retune
 
@@ -227,7 +229,7 @@ def test_nearby_parts_are_fitted_independently() -> None:
     (alone,) = make_lods(Asset(inner), [0.1])
     (level,) = make_lods(Asset(both), [0.1])
     vertices, triangles = level.asset.surface.vertices, level.asset.surface.triangles
-    triangles = triangles[level.vertices[triangles[:, 0]] < count]
+    triangles = triangles[vertices_of(level)[triangles[:, 0]] < count]
     triangle, barycentric = closest_points(inner.vertices, vertices, triangles)
     nearest = np.einsum("nk,nkx->nx", barycentric, vertices[triangles[triangle]])
     assert np.linalg.norm(inner.vertices - nearest, axis=1).mean() / extent < 1.1 * alone.rest_error
@@ -272,9 +274,163 @@ def skin_of(weights: csr_array, bones: np.ndarray, surface: zo.Surface) -> Skin:
     return Skin(np.arange(count), names, np.arange(count) - 1, bones, bones, surface.vertices, linear, weights)
 
 
+@pytest.fixture(scope="module")
+def hand_made(folder: Path) -> list[Path]:
+    """Bare meshes in the place of `character_LOD1.glb` of the fixture's levels, the coarser one first.
+
+    Their texture coordinates are one more than those of the character.
+    """
+    source = read_asset(folder / "levels" / "character_LOD1.glb")
+    paths = [folder / f"hand made {number}.glb" for number in range(2)]
+    for path, level in zip(paths, make_lods(source, [0.15, 0.3]), strict=True):
+        uv = level.asset.find("uv 0")
+        assert uv is not None
+        write_asset(Asset(level.asset.surface, (replace(uv, values=np.asarray(uv.values) + 1),)), path)
+    return paths
+
+
+def test_given_meshes_become_levels_by_their_triangle_counts(
+    folder: Path, hand_made: list[Path], tmp_path: Path
+) -> None:
+    given = [part for path in hand_made for part in ("--level", path)]
+    options = "-o", tmp_path, "--max-weights", 2, "--keep-map", "--json"
+    code, said = run("lods", folder / "levels" / "character_LOD1.glb", *given, *options)
+    assert code == 0, said
+    first, *rows = json.loads(said[: said.rindex("}") + 1])["levels"]
+    assert "made_from" not in first
+    assert [row["made_from"] for row in rows] == [str(path) for path in reversed(hand_made)]
+    source = read_asset(folder / "levels" / "character_LOD1.glb")
+    for number, (path, row) in enumerate(zip(reversed(hand_made), rows, strict=True), start=1):
+        bare, level = read_asset(path), read_asset(tmp_path / f"character_LOD1_LOD{number}.glb")
+        assert 0 < row["posed_error"] < 1.2 * row["rest_error"]
+        assert level.skin is not None
+        assert np.diff(level.skin.weights.indptr).max() <= 2
+        places = [np.unique(np.round(each, 4), axis=0) for each in (level.skin.rest, bare.surface.vertices)]
+        np.testing.assert_allclose(*places, atol=2e-4)
+        assert len(level.surface.triangles) == len(bare.surface.triangles)
+        assert {each.name for each in level.attributes} == {each.name for each in source.attributes}
+        assert [each.name for each in level.materials] == [each.name for each in source.materials]
+        assert np.asarray(level.find("uv 0").values)[:, 1].max() < 1.05
+        assert level.document is not None
+        assert all(each.name.endswith(f"_LOD{number}") for each in level.document.gltf.meshes)
+        assert level.stored_map is not None
+        assert level.stored_map.source == digest_of(source.surface)
+
+
+def test_given_meshes_may_keep_their_uvs(coarse: tuple[Asset, Level]) -> None:
+    source, made = coarse
+    uv = made.asset.find("uv 0")
+    shifted = replace(uv, values=np.asarray(uv.values) + 1)
+    more = replace(shifted, name="uv 1")
+    bare = at_rest(made.asset).surface
+    given = {"own": Asset(bare, (shifted, more)), "without": Asset(bare)}
+    levels = complete_levels(source, given, keep_uv=True)
+    np.testing.assert_array_equal(levels["own"].asset.find("uv 0").values, shifted.values)
+    assert any("1 of its UV maps" in note for note in levels["own"].notes)
+    found = levels["without"].asset.find("uv 0").values
+    assert np.quantile(np.abs(found - uv.values), 0.95) < 0.05
+
+
+def test_weights_of_given_meshes_are_fitted(coarse: tuple[Asset, Level]) -> None:
+    source, made = coarse
+    given = {"level": Asset(at_rest(made.asset).surface)}
+    level = complete_levels(source, given)["level"]
+    assert level.posed_error < 1.05 * made.posed_error
+    with retune(LEVEL_FIT, weights=1e9):
+        assert complete_levels(source, given)["level"].posed_error > 1.01 * level.posed_error
+
+
+def test_unused_vertices_of_given_meshes_need_no_place(coarse: tuple[Asset, Level]) -> None:
+    source, made = coarse
+    bare = at_rest(made.asset).surface
+    given = Asset(zo.Surface(np.vstack([bare.vertices, [[np.nan] * 3]]), bare.triangles))
+    level = complete_levels(source, {"level": given})["level"]
+    assert level.posed_error < 1.05 * made.posed_error
+
+
+@pytest.mark.parametrize("bend", [0.0, 0.7])
+def test_given_meshes_receive_shape_keys_and_the_pose_of_the_file(tmp_path: Path, bend: float) -> None:
+    write_tube(tmp_path / "tube.glb", bend=bend)
+    source = read_asset(tmp_path / "tube.glb")
+    (made,) = make_lods(source, [0.6])
+    level = complete_levels(source, {"level": Asset(at_rest(made.asset).surface)})["level"].asset
+    write_asset(level, tmp_path / "level.glb")
+    found = read_asset(tmp_path / "level.glb")
+    np.testing.assert_allclose(found.surface.vertices, level.surface.vertices, atol=1e-4)
+    expected = np.clip(found.skin.rest[:, 1] / LENGTH, 0, 1)
+    moved = np.einsum("nxy,ny->nx", found.skin.linear, np.asarray(found.find(SHAPE_KEYS).values)[:, 0])
+    assert np.abs(moved[:, 0] - expected).mean() < 0.03
+    assert np.abs(moved[:, 1:]).mean() < 0.03
+
+
+def test_given_meshes_take_data_of_their_side_of_a_thin_sheet() -> None:
+    """A sheet with two sides of other colours, thinner than a given mesh is displaced."""
+    sheet = creature(2000).surface.vertices * [1, 1, 0.004]
+    surface = zo.Surface(sheet, creature(2000).surface.triangles)
+    up = area_normals(surface.vertices, surface.triangles)[:, 2] > 0
+    side = Attribute("materials", Domain.FACE, Kind.LABEL, up.astype(int))
+    moved = Asset(surface.with_vertices(surface.vertices + np.array([0, 0, 0.006])))
+    found = complete_levels(Asset(surface, (side,)), {"sheet": moved})["sheet"].asset.find("materials")
+    assert (np.asarray(found.values) == up).mean() > 0.95
+
+
+def test_layers_of_given_meshes_take_data_of_their_layers() -> None:
+    """A fifth of the vertices of the outer one of two layers are closer to the inner one, as in coarse meshes."""
+    inner = creature(2000).surface
+    extent, count = np.ptp(inner.vertices, axis=0).max(), len(inner.vertices)
+    normals = vertex_normals(inner.vertices, inner.triangles)
+    layers = [inner.vertices + offset * extent * normals for offset in (0, 0.004, 0.0015)]
+    triangles = np.concatenate([inner.triangles, inner.triangles + count])
+    colors = np.repeat([[1.0, 0, 0, 1], [0, 0, 1.0, 1]], count, axis=0)
+    asset = Asset(
+        zo.Surface(np.concatenate(layers[:2]), triangles), (Attribute("color 0", Domain.POINT, Kind.COLOR, colors),)
+    )
+    noise = np.random.default_rng(0).uniform(0, 0.0025, count)[:, None] * extent * normals
+    given = zo.Surface(np.concatenate([layers[0], layers[2] + noise]), triangles)
+    color = complete_levels(asset, {"level": Asset(given)})["level"].asset.find("color 0")
+    np.testing.assert_allclose(color.values, colors, atol=1e-6)
+
+
+def test_small_parts_that_a_given_mesh_joins_to_a_large_one_keep_their_data() -> None:
+    body = creature(2000).surface
+    extent, count = np.ptp(body.vertices, axis=0).max(), len(body.vertices)
+    hat = 0.1 * creature(200).surface.vertices + [0, 0, 0.6 * extent]
+    triangles = np.concatenate([body.triangles, creature(200).surface.triangles + count])
+    vertices = np.concatenate([body.vertices, hat])
+    colors = np.repeat([[1.0, 0, 0, 1], [0, 0, 1.0, 1]], [count, len(hat)], axis=0)
+    asset = Asset(zo.Surface(vertices, triangles), (Attribute("color 0", Domain.POINT, Kind.COLOR, colors),))
+    bridge = [[int(body.vertices[:, 2].argmax()), count, count + 1]]
+    given = Asset(zo.Surface(vertices, np.concatenate([triangles, bridge])))
+    color = complete_levels(asset, {"level": given})["level"].asset.find("color 0")
+    np.testing.assert_allclose(color.values, colors, atol=1e-6)
+
+
+def test_meshes_elsewhere_are_refused(folder: Path, hand_made: list[Path], tmp_path: Path) -> None:
+    bare = read_asset(hand_made[0])
+    moved = bare.surface.vertices + 0.1 * np.ptp(bare.surface.vertices, axis=0).max()
+    write_asset(replace(bare, surface=bare.surface.with_vertices(moved)), tmp_path / "aside.glb")
+    given = "--level", hand_made[1], "--level", tmp_path / "aside.glb"
+    code, said = run("lods", folder / "levels" / "character_LOD1.glb", *given, "-o", tmp_path / "out")
+    assert code == 1
+    assert f"'{tmp_path / 'aside.glb'}' is not in the place and rest pose of the mesh" in said
+    assert not (tmp_path / "out").exists()
+
+
+def test_given_meshes_are_not_overwritten(folder: Path, hand_made: list[Path], tmp_path: Path) -> None:
+    own = tmp_path / "character_LOD1.glb"
+    own.write_bytes(hand_made[0].read_bytes())
+    code, said = run("lods", folder / "character.glb", "--level", own, "-o", tmp_path)
+    assert code == 1
+    assert "input" in said
+    assert [each.name for each in tmp_path.iterdir()] == ["character_LOD1.glb"]
+
+
 @pytest.mark.parametrize(
     ("options", "code", "sentence"),
     [
+        (("--ratios", "0.5", "--level", "low.glb"), 2, "--level and --ratios exclude each other"),
+        (("--keep-uv",), 2, "--keep-uv is for meshes of --level"),
+        (("--level", "low.blend"), 1, "export it as .glb"),
         (("--ratios", "half"), 2, "--ratios is 'half': give shares such as 0.5,0.25,0.1"),
         (("--ratios", "1.5"), 1, "A level cannot have 1.5 of"),
         (("--ratios", "0.0001"), 1, "that leave 12 vertices"),
