@@ -23,7 +23,8 @@ from blender_addon.demo.character import build_character, select_only
 from zoomout_core.arrays import Floats
 from zoomout_core.assets.asset import NORMALS, SHAPE_KEYS, Asset, at_rest
 from zoomout_core.assets.files import read_asset
-from zoomout_core.assets.lods import joint_poses, make_lods
+from zoomout_core.assets.level import joint_poses
+from zoomout_core.assets.lods import make_lods
 from zoomout_core.geometry.closest_points import SurfaceSearch
 from zoomout_core.maps.surface_map import interpolation_matrix
 from zoomout_core.transfer.rigging.poses import pose_of_turns

@@ -13,7 +13,7 @@ from scipy.sparse import csr_array, diags_array
 
 from zoomout_core.arrays import Floats
 from zoomout_core.assets.asset import MATERIALS, NORMALS, SHAPE_KEYS, UV, Asset, Skin
-from zoomout_core.assets.lods import Level
+from zoomout_core.assets.level import Level
 from zoomout_core.maps.surface_map import interpolation_matrix
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind

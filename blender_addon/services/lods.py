@@ -12,7 +12,9 @@ from typing import Any
 import bpy
 from bpy.types import Collection, Context, Object
 
-from zoomout_core.assets.lods import Level, complete_levels, make_lods
+from zoomout_core.assets.given_levels import complete_levels
+from zoomout_core.assets.level import Level
+from zoomout_core.assets.lods import make_lods
 from zoomout_core.messages import enumeration, message, sentences
 from zoomout_core.runtime.progress import stage
 

@@ -37,8 +37,8 @@ COMPLETE = ("de",)
 FULL_STOPS = (".", "。")
 # Modules that print in English: the command lines, the demo, and functions for scripts.
 ELSEWHERE = ("cli", "demo", "translations", "api.py", "assets", "batch.py", "evaluation.py", "outfits")
-# A module of these that the add-on runs.
-LODS = CORE / "assets" / "lods.py"
+# Modules of these that the add-on runs.
+LODS = {CORE / "assets" / name for name in ("given_levels.py", "lods.py")}
 # Calls that make a Message of a template, or show text: all literals among their arguments are for the user.
 TEMPLATES = {
     "LandmarkError",
@@ -113,7 +113,7 @@ def modules() -> list[tuple[Path, ast.Module]]:
         (path, ast.parse(path.read_text(encoding="utf-8")))
         for root in (ADDON, CORE)
         for path in sorted(root.rglob("*.py"))
-        if path.relative_to(root).parts[0] not in ELSEWHERE or path == LODS
+        if path.relative_to(root).parts[0] not in ELSEWHERE or path in LODS
     ]
 
 

@@ -21,7 +21,9 @@ from zoomout_core.assets.files import (
     read_asset,
     write_asset,
 )
-from zoomout_core.assets.lods import Level, complete_levels, make_lods, with_fewer_weights, with_level_names
+from zoomout_core.assets.given_levels import complete_levels
+from zoomout_core.assets.level import Level
+from zoomout_core.assets.lods import make_lods, with_fewer_weights, with_level_names
 from zoomout_core.assets.stored_map import stored_map_of
 from zoomout_core.assets.transfer_asset import KINDS
 from zoomout_core.batch import is_folder

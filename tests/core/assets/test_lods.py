@@ -19,7 +19,9 @@ import zoomout_core as zo
 from zoomout_core.assets.asset import NORMALS, SHAPE_KEYS, Asset, Skin, at_rest
 from zoomout_core.assets.files import read_asset, write_asset
 from zoomout_core.assets.fit_level import LEVEL_FIT
-from zoomout_core.assets.lods import Level, complete_levels, make_lods, with_fewer_weights
+from zoomout_core.assets.given_levels import complete_levels
+from zoomout_core.assets.level import Level
+from zoomout_core.assets.lods import make_lods, with_fewer_weights
 from zoomout_core.assets.stored_map import digest_of
 from zoomout_core.cli import main
 from zoomout_core.geometry.closest_points import closest_points
