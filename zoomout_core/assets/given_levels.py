@@ -26,6 +26,7 @@ from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.mesh.triangles import components, unique_edges, unit_vectors, vertex_normals
 from zoomout_core.messages import message
 from zoomout_core.runtime.progress import stage
+from zoomout_core.runtime.threads import on_one_blas_thread
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.rigging.skinning import blend_matrices, transform_points
@@ -44,6 +45,7 @@ ASIDE = 0.01
 
 
 @memory_in_words
+@on_one_blas_thread
 def complete_levels(
     asset: Asset, given: Mapping[str, Asset], max_weights: int | None = None, keep_uv: bool = False
 ) -> dict[str, Level]:

@@ -29,6 +29,7 @@ from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.mesh.triangles import area_normals, unit_vectors
 from zoomout_core.messages import message
 from zoomout_core.runtime.progress import stage
+from zoomout_core.runtime.threads import on_one_blas_thread
 from zoomout_core.transfer.attribute import Domain
 from zoomout_core.transfer.groups import expand_ranges, first_of_each
 from zoomout_core.transfer.rigging.weights import limit_weights
@@ -44,6 +45,7 @@ MIN_VERTICES = 12
 
 
 @memory_in_words
+@on_one_blas_thread
 def make_lods(asset: Asset, ratios: Sequence[float], max_weights: int | None = None) -> list[Level]:
     """Simplify an asset for each of several levels.
 

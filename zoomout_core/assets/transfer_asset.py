@@ -21,6 +21,7 @@ from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.messages import enumeration, message, plural
 from zoomout_core.runtime.progress import advance, stage
+from zoomout_core.runtime.threads import on_one_blas_thread
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 from zoomout_core.transfer.blend import Blend, mask_of
 from zoomout_core.transfer.mapped_target import MappedTarget
@@ -57,6 +58,7 @@ class TransferredAsset(NamedTuple):
 
 
 @memory_in_words
+@on_one_blas_thread
 def transfer_asset(
     source: Asset,
     target: Asset,

@@ -17,6 +17,7 @@ from zoomout_core.maps.surface_map import SurfaceMap, fault_of_map
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.shapes import ShapeLike, as_surface
 from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.runtime.threads import on_one_blas_thread
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 from zoomout_core.transfer.continuation import extrapolate_map
 from zoomout_core.transfer.edges import snap_marks, transfer_edges
@@ -127,6 +128,7 @@ RULES: dict[Kind, Rule] = {
 
 
 @memory_in_words
+@on_one_blas_thread
 def transfer(
     attribute: Attribute,
     result: Match | SurfaceMap,
@@ -226,6 +228,7 @@ def transfer_along(attribute: Attribute, mapped: MappedTarget, **options: Any) -
 
 
 @memory_in_words
+@on_one_blas_thread
 def conform(result: Match | SurfaceMap, source: ShapeLike | None = None, target: ShapeLike | None = None) -> Floats:
     """The source's shape on the target's vertices: (n_t, 3) positions on the source.
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Iterator
+from inspect import signature
 
 import pytest
 from creatures import creature
@@ -13,16 +14,27 @@ from mannequins import STEP, mannequin
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import zoomout_core as zo
+from zoomout_core.assets.given_levels import complete_levels
+from zoomout_core.assets.lods import make_lods
+from zoomout_core.assets.transfer_asset import transfer_asset
 from zoomout_core.matching.components.hulls import HULLS
 from zoomout_core.runtime.progress import advance, portion, stage
 from zoomout_core.runtime.threads import (
     for_each,
     in_one_thread,
     on_one_blas_thread,
+    one_blas_thread,
     side_by_side,
     take_over_blas,
     threads,
 )
+from zoomout_core.transfer import conform, transfer
+from zoomout_core.transfer.dressing.body_keys import follow_keys
+from zoomout_core.transfer.dressing.body_weights import follow_weights
+from zoomout_core.transfer.dressing.dress import dress
+from zoomout_core.transfer.rigging.rest_pose import find_pose
+from zoomout_core.transfer.rigging.rig import move_rig
+from zoomout_core.transfer.wrapping.wrap import wrap
 from zoomout_core.tuning import retune
 
 # Timeout in seconds of a test that waits for another thread.
@@ -396,3 +408,34 @@ def test_maps_do_not_depend_on_the_number_of_threads(pair: str, counts: tuple[in
         assert (other.surface_map.triangle == first.surface_map.triangle).all()
         assert (other.surface_map.barycentric == first.surface_map.barycentric).all()
         assert other.certainty == first.certainty
+
+
+class _EnteredError(Exception):
+    """BLAS is about to be kept to one thread."""
+
+
+@pytest.mark.parametrize(
+    "function",
+    [
+        complete_levels,
+        conform,
+        dress,
+        find_pose,
+        follow_keys,
+        follow_weights,
+        make_lods,
+        move_rig,
+        transfer,
+        transfer_asset,
+        wrap,
+    ],
+    ids=lambda function: function.__name__,
+)
+def test_transfers_keep_blas_to_one_thread(function: Callable[..., object], monkeypatch: pytest.MonkeyPatch) -> None:
+    def enter(_: object) -> None:
+        raise _EnteredError
+
+    monkeypatch.setattr(type(one_blas_thread), "__enter__", enter)
+    needed = [each for each in signature(function).parameters.values() if each.default is each.empty]
+    with pytest.raises(_EnteredError):
+        function(*(None for each in needed if each.kind is not each.VAR_KEYWORD))

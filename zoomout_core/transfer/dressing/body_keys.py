@@ -19,6 +19,7 @@ from zoomout_core.arrays import Floats
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.runtime.progress import Progress, advance, listening, stage
+from zoomout_core.runtime.threads import on_one_blas_thread
 from zoomout_core.transfer.dressing.contact import CONTACT, Barrier, Contact, SidedSurface
 from zoomout_core.transfer.dressing.form import Form, Lines, read_masks
 from zoomout_core.transfer.dressing.kept_parts import KeptParts
@@ -46,6 +47,7 @@ BODY_KEYS = BodyKeyTuning()
 
 
 @memory_in_words
+@on_one_blas_thread
 def follow_keys(
     body: Surface,
     offsets: ArrayLike,

@@ -19,6 +19,7 @@ from zoomout_core.arrays import Floats
 from zoomout_core.geometry.screened_smoothing import ScreenedSmoothing
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.surface import Surface
+from zoomout_core.runtime.threads import on_one_blas_thread
 from zoomout_core.transfer.dressing.body_keys import means_of_skin
 from zoomout_core.transfer.dressing.form import Form, Lines, read_masks
 from zoomout_core.transfer.dressing.patches import Patches
@@ -54,6 +55,7 @@ class WeightedBody(NamedTuple):
 
 
 @memory_in_words
+@on_one_blas_thread
 def follow_weights(
     before: WeightedBody,
     after: WeightedBody,

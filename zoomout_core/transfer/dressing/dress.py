@@ -25,6 +25,7 @@ from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import area_normals, unique_edges
 from zoomout_core.messages import warning
 from zoomout_core.runtime.progress import Progress, advance, listening, portion, stage
+from zoomout_core.runtime.threads import on_one_blas_thread
 from zoomout_core.transfer.dressing.contact import (
     Barrier,
     Bounds,
@@ -107,6 +108,7 @@ class Dressed:
 
 
 @memory_in_words
+@on_one_blas_thread
 def dress(
     result: Match | SurfaceMap,
     source: Surface,

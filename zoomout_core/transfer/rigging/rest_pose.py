@@ -23,6 +23,7 @@ from zoomout_core.geometry.procrustes import procrustes
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_normals, unique_edges, vertex_normals
+from zoomout_core.runtime.threads import on_one_blas_thread
 from zoomout_core.transfer.frames import FULL_CONFIDENCE
 from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.rigging.bone_fit import BONES, Pose, estimate_pose, refine_pose
@@ -76,6 +77,7 @@ class PosedTarget:
     pose: Pose  # the pose of the bones that takes it from the rest pose to the target
 
 
+@on_one_blas_thread
 def find_pose(mapped: MappedTarget, rest: Surface, weights: csr_array, parents: ArrayLike | None = None) -> PosedTarget:
     """Find the pose of a target.
 

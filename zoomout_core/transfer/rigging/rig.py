@@ -23,6 +23,7 @@ from zoomout_core.arrays import Floats, Integers
 from zoomout_core.geometry.procrustes import SMALLEST, Similarities, nearest_rotations, procrustes
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.shapes import ShapeLike, as_surface
+from zoomout_core.runtime.threads import on_one_blas_thread
 from zoomout_core.transfer.dressing.dress import shape_of_source
 from zoomout_core.transfer.rigging.joints import MovedJoints
 from zoomout_core.transfer.rules import Match, map_target
@@ -73,6 +74,7 @@ MIN_PAIRED = 0.8
 SYMMETRIC_SHARE = 0.99
 
 
+@on_one_blas_thread
 def move_rig(
     result: Match | SurfaceMap, source: ShapeLike, target: ShapeLike, joints: ArrayLike, parents: ArrayLike
 ) -> MovedJoints:

@@ -22,6 +22,7 @@ from zoomout_core.mesh.surface import MeshError, Surface, vertex_numbers
 from zoomout_core.mesh.triangles import area_normals
 from zoomout_core.messages import message
 from zoomout_core.runtime.progress import Progress, advance, listening, portion, stage
+from zoomout_core.runtime.threads import on_one_blas_thread
 from zoomout_core.transfer.blend import mask_of
 from zoomout_core.transfer.rules import Match, map_target
 from zoomout_core.transfer.wrapping.cage import cage_of
@@ -57,6 +58,7 @@ class Wrapped:
 
 
 @memory_in_words
+@on_one_blas_thread
 def wrap(
     result: Match | SurfaceMap,
     source: ShapeLike,
