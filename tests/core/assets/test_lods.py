@@ -28,10 +28,12 @@ from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.mesh.mirror_pairs import mirror_pairs
 from zoomout_core.mesh.simplify import SIMPLIFICATION
 from zoomout_core.mesh.triangles import area_normals, unit_vectors, vertex_normals
+from zoomout_core.samples import character
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 from zoomout_core.tuning import Tuning, retune
 
-RATIOS = (0.5, 0.2)
+# Vertices of the sample character, and its levels.
+COUNT, RATIOS = 2500, (0.6, 0.4)
 
 
 def run(*arguments: object) -> tuple[int, str]:
@@ -43,8 +45,8 @@ def run(*arguments: object) -> tuple[int, str]:
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with the sample character, `character.glb`, and its levels in `levels`."""
     path = tmp_path_factory.mktemp("lods")
-    assert run("sample", path)[0] == 0
-    options = "-o", path / "levels", "--ratios", "0.5,0.2", "--max-weights", 2, "--keep-map", "--json"
+    write_asset(character(COUNT), path / "character.glb")
+    options = "-o", path / "levels", "--ratios", ",".join(map(str, RATIOS)), "--max-weights", 2, "--keep-map", "--json"
     code, said = run("lods", path / "character.glb", *options)
     assert code == 0, said
     (path / "report.json").write_text(said[: said.rindex("}") + 1])
