@@ -22,6 +22,7 @@ from zoomout_core.assets.stored_map import digest_of, same_triangles
 from zoomout_core.assets.update_asset import changed_kinds, update_asset
 from zoomout_core.cli import main
 from zoomout_core.mesh.surface import MeshError
+from zoomout_core.samples import character, scan
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 
 pytestmark = pytest.mark.usefixtures("remember_matches")
@@ -36,9 +37,8 @@ def run(*arguments: object) -> tuple[int, str]:
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with a sample character, `old.glb`, and `scan.glb`, transferred from it with its map."""
     folder = tmp_path_factory.mktemp("update")
-    assert run("sample", folder)[0] == 0
-    character = next(folder.glob("*.glb"))
-    character.rename(folder / "old.glb")
+    write_asset(character(2000), folder / "old.glb")
+    write_asset(Asset(scan(2000).surface), folder / "scan.ply")
     code, said = run(
         "transfer",
         folder / "old.glb",
