@@ -3,8 +3,8 @@
 
 Eigenfunctions and rigid motions preserve lengths, so that the leg of a hippopotamus covers only the upper part of a
 horse's. The map back takes all of the longer leg to the shorter one, and foot to foot. Extremities that one of the two
-maps pairs this well are pinned to each other if the other map falls far short of them: the images of the limb are
-stretched to its tip, and the registration is repeated with these pins.
+maps pairs this well are pinned to each other if the other map falls far short of several of them: the images of these
+limbs are stretched to their tips, and the registration is repeated with the pins.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ class PinTuning(Tuning, set_by="correspondence"):
 
     max_miss: float = tuned(0.08, "at unit area", 0, 2)  # of the map that pairs two extremities
     max_shortfall: float = tuned(0.5, "at unit area", 0, 10)  # of the other map; farther off is another limb
-    # Maps that fall less short of all extremities stay as they are: on people of other builds, pins from 0.05 on gain
-    # nothing.
-    min_shortfall: float = tuned(0.1, "at unit area", 0, 2)
+    min_shortfall: float = tuned(0.1, "at unit area", 0, 2)  # below it, an extremity counts as reached
+    # A single one may be a limb that is cut, or ends otherwise, on bodies of the same proportions.
+    min_limbs: int = tuned(2, "extremities", 1, 30)
     # Width of the Gaussian by which the displacement of a tip decays, in lengths of its limb.
     width: float = tuned(0.7, "1", 0, 10)
 
@@ -61,7 +61,7 @@ def pin_extremities(
         target: the target.
 
     Returns:
-        The stretched map, and the pins for its registration; None if the map falls short of no extremity.
+        The stretched map, and the pins for its registration; None if the map falls short of too few extremities.
     """
     of_source, of_target = _tips(source), _tips(target)
     if min(len(of_source.vertices), len(of_target.vertices)) == 0:
@@ -74,7 +74,7 @@ def pin_extremities(
     paired = better.argmin(axis=1)[partner] == each
     paired &= (better[partner, each] < PINS.max_miss) & (worse[partner, each] < PINS.max_shortfall)
     shortfall = np.where(paired, missed[partner, each], 0)
-    if shortfall.max() < PINS.min_shortfall:
+    if np.count_nonzero(shortfall > PINS.min_shortfall) < PINS.min_limbs:
         return None
     vertices, goals = of_target.vertices, source.mesh.vertices[of_source.vertices[partner]]
     between = of_target.distances[:, vertices] + np.diag(np.full(len(vertices), np.inf))
