@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.sparse.csgraph import dijkstra
 
-from zoomout_core.arrays import Floats, Integers
+from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.maps.bend import bend
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.hypotheses.extremities import EXTREMITIES, maxima
@@ -32,7 +32,7 @@ class PinTuning(Tuning, set_by="correspondence"):
 
     max_miss: float = tuned(0.08, "at unit area", 0, 2)  # of the map that pairs two extremities
     max_shortfall: float = tuned(0.5, "at unit area", 0, 10)  # of the other map; farther off is another limb
-    min_shortfall: float = tuned(0.1, "at unit area", 0, 2)  # below it, an extremity counts as reached
+    min_shortfall: float = tuned(0.12, "at unit area", 0, 2)  # below it, an extremity counts as reached, as on people
     # A single one may be a limb that is cut, or ends otherwise, on bodies of the same proportions.
     min_limbs: int = tuned(2, "extremities", 1, 30)
     # Width of the Gaussian by which the displacement of a tip decays, in lengths of its limb.
@@ -68,20 +68,31 @@ def pin_extremities(
         return None
     missed = of_source.distances[:, there.vertex[of_target.vertices]]  # (m_source, m_target)
     missed_back = of_target.distances[:, back.vertex[of_source.vertices]].T
-    better, worse = np.minimum(missed, missed_back), np.maximum(missed, missed_back)
-    each = np.arange(better.shape[1])
-    partner = better.argmin(axis=0)
-    paired = better.argmin(axis=1)[partner] == each
-    paired &= (better[partner, each] < PINS.max_miss) & (worse[partner, each] < PINS.max_shortfall)
-    shortfall = np.where(paired, missed[partner, each], 0)
-    if np.count_nonzero(shortfall > PINS.min_shortfall) < PINS.min_limbs:
+    partner, paired = _pair(missed, missed_back)
+    falls_short = paired & (missed[partner, np.arange(len(partner))] > PINS.min_shortfall)
+    if np.count_nonzero(falls_short) < PINS.min_limbs:
         return None
     vertices, goals = of_target.vertices, source.mesh.vertices[of_source.vertices[partner]]
     between = of_target.distances[:, vertices] + np.diag(np.full(len(vertices), np.inf))
     stretched = there
-    for tip in np.flatnonzero(shortfall > PINS.max_miss):
+    for tip in np.flatnonzero(falls_short):
         stretched = _stretch(stretched, vertices[tip], goals[tip], between[tip].min() / 2, source, target)
+    # Those that the map reaches are pinned, too, so that the longer limbs do not pull the others along.
     return stretched, Pins(vertices[paired], goals[paired])
+
+
+def _pair(missed: Floats, missed_back: Floats) -> tuple[Integers, Booleans]:
+    """For each extremity of the target (m_t,) its partner on the source, and whether the two are surely partners.
+
+    Args:
+        missed: (m_s, m_t) how far the map of the target ends from each extremity of the source.
+        missed_back: (m_s, m_t) how far the map of the source ends from each extremity of the target.
+    """
+    better, worse = np.minimum(missed, missed_back), np.maximum(missed, missed_back)
+    each, partner = np.arange(better.shape[1]), better.argmin(axis=0)
+    paired = better.argmin(axis=1)[partner] == each
+    paired &= (better[partner, each] < PINS.max_miss) & (worse[partner, each] < PINS.max_shortfall)
+    return partner, paired
 
 
 def _stretch(

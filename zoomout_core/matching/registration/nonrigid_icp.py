@@ -58,8 +58,7 @@ class Pins(NamedTuple):
     goal: Floats  # (p, 3) their places
 
 
-# Weight of the squared distance of each pin from its goal, where those of all query points of a shape sum to one: as
-# that of a few dozen of them. A fifth of it and five times as much lead to the same errors.
+# Weight of the squared distance of each pin from its goal: that of a few dozen query points, whose weights sum to one.
 PIN_WEIGHT = 0.02
 # Diffusion length, at unit area, that smooths the images to which the target is aligned first.
 ALIGNMENT_WIDTH = 0.06

@@ -13,7 +13,7 @@ from creatures import creature, true_vertex
 from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis, analyse
-from zoomout_core.matching.refinement.extremity_pins import PINS, pin_extremities
+from zoomout_core.matching.refinement.extremity_pins import PINS, _pair, pin_extremities
 from zoomout_core.matching.registration.nonrigid_icp import fit_nonrigid
 from zoomout_core.samples import BODY, LIMBS
 from zoomout_core.tuning import retune
@@ -77,6 +77,7 @@ def test_images_of_a_limb_are_stretched_to_its_tip() -> None:
     pinned = pin_extremities(short, back, source, target)
     assert pinned is not None
     stretched, pins = pinned
+    assert len(pins.vertex) > len(LEGS)  # the tips that the map reaches stay
     assert errors(stretched)[leg].mean() < 0.6 * errors(short)[leg].mean()
     far = np.linalg.norm(target.mesh.vertices - target.mesh.vertices[leg].mean(axis=0), axis=1) > 1
     np.testing.assert_array_equal(stretched.vertex[far], short.vertex[far])
@@ -99,12 +100,30 @@ def test_tip_that_neither_map_reaches_is_not_pinned() -> None:
     assert pinned is None
 
 
-@pytest.mark.parametrize("reached", [True, False])
-def test_fit_with_pins_reaches_the_tip(reached: bool) -> None:
-    (source, target), (short, leg), back = shapes(), short_map(), true_maps()[1]
+@pytest.mark.parametrize(
+    ("missed", "missed_back", "paired"),
+    [
+        ([[0.3, 2.0], [2.0, 0.0]], [[0.0, 2.0], [2.0, 0.0]], [True, True]),
+        ([[0.3, 2.0], [2.0, 0.0]], [[0.2, 2.0], [2.0, 0.0]], [False, True]),  # neither map pairs the first ones
+        ([[0.7, 2.0], [2.0, 0.0]], [[0.0, 2.0], [2.0, 0.0]], [False, True]),  # the map leads to another limb
+        ([[0.0, 0.05], [0.4, 0.4]], [[0.0, 0.3], [0.4, 0.4]], [True, False]),  # two tips near one of the source
+    ],
+)
+def test_extremities_are_partners_if_one_map_pairs_them(
+    missed: list[list[float]], missed_back: list[list[float]], paired: list[bool]
+) -> None:
+    partner, found = _pair(np.array(missed), np.array(missed_back))
+    assert found.tolist() == paired
+    assert partner[found].tolist() == np.arange(2)[found].tolist()
+
+
+def test_fit_is_drawn_to_pins() -> None:
+    (source, target), (short, _), back = shapes(), short_map(), true_maps()[1]
     pinned = pin_extremities(short, back, source, target)
     assert pinned is not None
     stretched, pins = pinned
-    fit = fit_nonrigid(stretched if reached else short, source, target, False, pins if reached else None)
-    tip = np.flatnonzero(leg)[target.mesh.vertices[leg, 2].argmin()]
-    assert (errors(fit.surface_map)[tip] < 0.1) == reached
+    off = [
+        np.linalg.norm(fit_nonrigid(stretched, source, target, False, each).positions[pins.vertex] - pins.goal, axis=1)
+        for each in (pins, None)
+    ]
+    assert off[0].mean() < 0.5 * off[1].mean()
