@@ -19,7 +19,7 @@ from zoomout_core.assets.gltf.write import write_gltf
 from zoomout_core.assets.obj import read_obj, write_obj
 from zoomout_core.assets.ply import read_ply, write_ply
 from zoomout_core.mesh.formats.blender_files import ENDINGS as OF_BLENDER
-from zoomout_core.mesh.formats.draco import library
+from zoomout_core.mesh.formats.compression.draco import library
 from zoomout_core.mesh.formats.files import read_surface
 from zoomout_core.mesh.formats.more_files import READERS as MORE_READERS
 from zoomout_core.mesh.formats.named_files import named_files

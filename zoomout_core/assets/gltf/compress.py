@@ -21,13 +21,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zoomout_core.arrays import Floats, Integers
-from zoomout_core.mesh.formats.decompress_gltf import DRACO, MESHOPT, NUMBER_TYPES, UNSIGNED_INTS, WIDTHS
-from zoomout_core.mesh.formats.draco import library
+from zoomout_core.mesh.formats.compression.decompress_gltf import DRACO, MESHOPT, NUMBER_TYPES, UNSIGNED_INTS, WIDTHS
+from zoomout_core.mesh.formats.compression.draco import library
+from zoomout_core.mesh.formats.compression.meshopt_attributes import Bytes, encode_attributes
+from zoomout_core.mesh.formats.compression.meshopt_filters import decode_filter, encode_exponential, encode_octahedral
+from zoomout_core.mesh.formats.compression.meshopt_indices import encode_triangles
 from zoomout_core.mesh.formats.glb import MAGIC, pack_glb
 from zoomout_core.mesh.formats.gltf_files import data_of, parse_gltf
-from zoomout_core.mesh.formats.meshopt_attributes import Bytes, encode_attributes
-from zoomout_core.mesh.formats.meshopt_filters import decode_filter, encode_exponential, encode_octahedral
-from zoomout_core.mesh.formats.meshopt_indices import encode_triangles
 
 METHODS = ("draco", "meshopt")
 MESHOPT_NAME, QUANTIZED = MESHOPT[0], "KHR_mesh_quantization"

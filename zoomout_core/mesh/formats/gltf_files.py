@@ -18,9 +18,9 @@ from urllib.parse import unquote, unquote_to_bytes
 
 import numpy as np
 
-from zoomout_core.mesh.formats.decompress_gltf import DRACO, MESHOPT, MODES, decompress_gltf
+from zoomout_core.mesh.formats.compression.decompress_gltf import DRACO, MESHOPT, MODES, decompress_gltf
+from zoomout_core.mesh.formats.compression.meshopt_filters import STRIDES
 from zoomout_core.mesh.formats.glb import MAGIC, unpack_glb
-from zoomout_core.mesh.formats.meshopt_filters import STRIDES
 from zoomout_core.mesh.formats.opening import file_bytes, outside, shown
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.input_files import FormatError, OutsideError, beside, read_whole, reason_of

@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from zoomout_core.mesh.formats.draco import decode_draco
-from zoomout_core.mesh.formats.meshopt_attributes import decode_attributes
-from zoomout_core.mesh.formats.meshopt_filters import STRIDES, decode_filter
-from zoomout_core.mesh.formats.meshopt_indices import decode_indices, decode_triangles
+from zoomout_core.mesh.formats.compression.draco import decode_draco
+from zoomout_core.mesh.formats.compression.meshopt_attributes import decode_attributes
+from zoomout_core.mesh.formats.compression.meshopt_filters import STRIDES, decode_filter
+from zoomout_core.mesh.formats.compression.meshopt_indices import decode_indices, decode_triangles
 from zoomout_core.runtime.input_files import ExpansionError, FormatError, most_bytes
 
 DRACO = "KHR_draco_mesh_compression"
