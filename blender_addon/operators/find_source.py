@@ -13,8 +13,8 @@ from zoomout_core.messages import Message, message, probability
 from ..properties.once import ONCE
 from ..services.library import append_source, find_source_async, library_folders
 from ..translations import reported, translated
-from . import activity
-from .modal_operator import ModalOperator
+from .base import activity
+from .base.modal_operator import ModalOperator
 
 
 class ZOOMOUT_OT_find_source(ModalOperator):

@@ -11,8 +11,8 @@ from ..properties.match import MatchOptions
 from ..properties.settings import SourceName, take_settings
 from ..properties.transfer import BindOptions, BlendOptions
 from ..services.transfer import done
+from .base.modal_operator import ModalOperator
 from .bind_to_rig import bind_targets, draw_binding
-from .modal_operator import ModalOperator
 
 
 class ZOOMOUT_OT_move_rig(SourceName, MatchOptions, BlendOptions, BindOptions, ModalOperator):

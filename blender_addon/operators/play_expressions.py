@@ -12,7 +12,7 @@ from zoomout_core.messages import message
 from ..mesh_data import HeldKeys
 from ..services.expressions import Faults, faults_of_keys, names_of_keys
 from ..viewport import overlay, preview
-from .play import PlayOperator
+from .base.play_operator import PlayOperator
 
 # The strength of a key over the share of its time: half, full, and back.
 TIMES, STRENGTHS = (0, 0.12, 0.4, 0.52, 0.88, 1), (0, 0.5, 0.5, 1, 1, 0)

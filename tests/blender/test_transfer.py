@@ -34,7 +34,7 @@ from blender_addon import jobs
 from blender_addon.adapters import DATA
 from blender_addon.jobs import Job
 from blender_addon.operators.bind_to_rig import ZOOMOUT_OT_bind_to_rig
-from blender_addon.operators.match import ZOOMOUT_OT_match
+from blender_addon.operators.matching.match import ZOOMOUT_OT_match
 from blender_addon.operators.transfer import ZOOMOUT_OT_transfer
 from blender_addon.properties.match import MatchOptions
 from blender_addon.scene.selection import own_sources

@@ -11,12 +11,12 @@ from bpy.types import Context, Mesh
 
 import zoomout_core as zo
 
-from ..jobs import Job
-from ..mesh_data.base import keeps_vertices
-from ..properties.preferences import prepares_ahead
-from ..scene.selection import source_name
-from ..services.constraints import OF_LANDMARKS
-from ..services.matching.prepare_ahead import prepare_ahead
+from ...jobs import Job
+from ...mesh_data.base import keeps_vertices
+from ...properties.preferences import prepares_ahead
+from ...scene.selection import source_name
+from ...services.constraints import OF_LANDMARKS
+from ...services.matching.prepare_ahead import prepare_ahead
 from . import activity
 
 # Seconds from a change of the selection to the preparation, and between two slices of that.

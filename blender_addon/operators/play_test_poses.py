@@ -11,7 +11,7 @@ from zoomout_core.messages import message
 from zoomout_core.transfer.rigging.poses import extreme_turns
 
 from ..mesh_data import HeldPose, armatures_of, follow_constraints, read_bones, turn_bones
-from .play import PlayOperator
+from .base.play_operator import PlayOperator
 
 
 class ZOOMOUT_OT_test_poses(PlayOperator):

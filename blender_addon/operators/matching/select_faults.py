@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from bpy.types import Context
 
-from ..services.matching.select_faults import (
+from ...services.matching.select_faults import (
     DOUBTFUL,
     FLIPPED,
     TORN,
@@ -14,9 +14,9 @@ from ..services.matching.select_faults import (
     select_stretched,
     stretched_vertices,
 )
-from ..translations import translated
-from .matched import MatchedOperator
-from .modal_operator import ModalOperator
+from ...translations import translated
+from ..base.matched_operator import MatchedOperator
+from ..base.modal_operator import ModalOperator
 
 
 class SelectOperator(MatchedOperator):

@@ -7,8 +7,8 @@ from time import monotonic
 
 from bpy.types import Context, Event, Operator, Timer
 
-from ..translations import reported, translated
-from . import modal
+from ...translations import reported, translated
+from . import running_operators
 
 # Seconds between two steps.
 STEP = 0.04
@@ -59,13 +59,13 @@ class PlayOperator(Operator):
 
     def invoke(self, context: Context, event: Event) -> set[str]:
         """Start to play."""
-        if not modal.can_begin(context.window):
+        if not running_operators.can_begin(context.window):
             self.report({"ERROR"}, reported("A 3D viewport is needed: move the mouse over one, and try again"))
             return {"CANCELLED"}
         self._parts = self.start(context)
         self._begun = monotonic()
         self._timer: Timer = context.window_manager.event_timer_add(STEP, window=context.window)
-        modal.begin(context, self)
+        running_operators.begin(context, self)
         self._play(context)
         return {"RUNNING_MODAL"}
 
@@ -84,7 +84,7 @@ class PlayOperator(Operator):
 
     def cancel(self, context: Context) -> None:
         """Restore what was there; Blender calls this when a file is loaded or the window closes."""
-        modal.end(self)
+        running_operators.end(self)
         self.restore(context)
         context.window_manager.event_timer_remove(self._timer)
         context.workspace.status_text_set(None)
