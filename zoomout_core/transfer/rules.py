@@ -20,7 +20,7 @@ from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.runtime.threads import on_one_blas_thread
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 from zoomout_core.transfer.continuation import extrapolate_map
-from zoomout_core.transfer.edges import snap_marks, transfer_edges
+from zoomout_core.transfer.edges.transfer_edges import snap_marks, transfer_edges
 from zoomout_core.transfer.finite import with_finite_values
 from zoomout_core.transfer.interpolate import MIX, VOTE
 from zoomout_core.transfer.keys.shape_keys import carry_offsets, conform_target
