@@ -6,7 +6,7 @@ The result is a document without these extensions, so that all else reads it lik
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from typing import Any
 
 import numpy as np
@@ -42,29 +42,14 @@ def decompress_gltf(tree: dict[str, Any], buffers: Sequence[bytes]) -> tuple[byt
         FormatError: the compressed data is damaged, or would expand too far.
         ImportError: DracoPy is not installed, and the document needs it.
     """
-    made = list(buffers)
     used = {DRACO, *MESHOPT} & {*(tree.get("extensionsUsed") or []), *(tree.get("extensionsRequired") or [])}
     needed = used & set(tree.get("extensionsRequired") or [])
     if not used:
         return tuple(buffers)
     _check_expansion(tree, sum(map(len, buffers)))
-    for view in tree.get("bufferViews") or []:
-        extensions = view.get("extensions") or {}
-        for name in MESHOPT:
-            if name in extensions:
-                about = extensions.pop(name)
-                if name in needed:
-                    made.append(_decode_view(about, view["byteLength"], made))
-                    view["buffer"], view["byteOffset"] = len(made) - 1, 0
-    for each in tree.get("buffers") or []:
-        for name in MESHOPT:
-            (each.get("extensions") or {}).pop(name, None)
-    decoded: dict[int, Any] = {}
-    for mesh in tree.get("meshes") or []:
-        for primitive in mesh["primitives"]:
-            about = (primitive.get("extensions") or {}).pop(DRACO, None)
-            if about is not None and DRACO in needed:
-                _decode_primitive(tree, primitive, about, made, decoded)
+    made = list(buffers)
+    _decompress_views(tree, needed, made)
+    _decompress_primitives(tree, needed, made)
     for key in ("extensionsUsed", "extensionsRequired"):
         if key in tree:
             tree[key] = [name for name in tree[key] if name not in used]
@@ -94,6 +79,20 @@ def _slice(buffers: Sequence[bytes], number: int, start: int, length: int) -> by
 # --- meshopt ------------------------------------------------------------------------------------------------
 
 
+def _decompress_views(tree: dict[str, Any], needed: Container[str], buffers: list[bytes]) -> None:
+    """Remove the extensions of meshopt, and decode views without other data into buffers of their own."""
+    for view in tree.get("bufferViews") or []:
+        extensions = view.get("extensions") or {}
+        for name in (each for each in MESHOPT if each in extensions):
+            about = extensions.pop(name)
+            if name in needed:
+                buffers.append(_decode_view(about, view["byteLength"], buffers))
+                view["buffer"], view["byteOffset"] = len(buffers) - 1, 0
+    for each in tree.get("buffers") or []:
+        for name in MESHOPT:
+            (each.get("extensions") or {}).pop(name, None)
+
+
 def _decode_view(about: dict[str, Any], length: int, buffers: Sequence[bytes]) -> bytes:
     """The bytes of a view."""
     count, stride, mode = about["count"], about["byteStride"], about["mode"]
@@ -116,6 +115,16 @@ def _decode_view(about: dict[str, Any], length: int, buffers: Sequence[bytes]) -
 
 
 # --- Draco --------------------------------------------------------------------------------------------------
+
+
+def _decompress_primitives(tree: dict[str, Any], needed: Container[str], buffers: list[bytes]) -> None:
+    """Remove the extension of Draco, and decode meshes without other data into buffers of their own."""
+    decoded: dict[int, Any] = {}
+    for mesh in tree.get("meshes") or []:
+        for primitive in mesh["primitives"]:
+            about = (primitive.get("extensions") or {}).pop(DRACO, None)
+            if about is not None and DRACO in needed:
+                _decode_primitive(tree, primitive, about, buffers, decoded)
 
 
 def _decode_primitive(

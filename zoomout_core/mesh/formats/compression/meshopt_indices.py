@@ -7,6 +7,9 @@ third vertex among the last ones.
 
 from __future__ import annotations
 
+from collections import deque
+from typing import Any
+
 import numpy as np
 
 from zoomout_core.arrays import Integers
@@ -17,86 +20,122 @@ TRIANGLES, INDICES = 0xE0, 0xD0
 # The codes of the two last corners of a triangle without a known edge that take no byte of their own.
 CODES = bytes([0x00, 0x76, 0x87, 0x56, 0x67, 0x78, 0xA9, 0x86, 0x65, 0x89, 0x68, 0x98, 0x01, 0x69, 0, 0])
 LIST = 16  # edges, and vertices, that a triangle can refer to
+# Codes of a vertex that has no age: the lowest one not used yet, neighbours in number of the last one that was written
+# as a number, and any other, which is written.
+NEXT, BEFORE, AFTER, OTHER = 0, 13, 14, 15
 
 
 def encode_triangles(triangles: Integers) -> bytes:
     """Encode triangles (m, 3); each keeps its winding, but may begin at another corner."""
-    codes, data = bytearray(), bytearray()
-    edges, vertices = dict[tuple[int, int], int](), dict[int, int]()
-    edge_count = vertex_count = following = last = 0
-
-    def write(index: int) -> None:
-        nonlocal last
-        _write_number(data, index - last)
-        last = index
-
-    def add_vertex(vertex: int) -> None:
-        nonlocal vertex_count
-        vertices[vertex] = vertex_count
-        vertex_count += 1
-
-    def age_of(vertex: int) -> int:
-        return vertex_count - 1 - vertices[vertex] if vertex in vertices else LIST
-
+    encoder = _TriangleEncoder()
     for corners in np.asarray(triangles).tolist():
-        a, b, c = corners
-        found = min(
-            (edge_count - 1 - edges[edge], turn)
-            if (edge := (corners[turn], corners[(turn + 1) % 3])) in edges
-            else (LIST, turn)
-            for turn in range(3)
-        )
-        if found[0] < LIST - 1:
-            turn = found[1]
-            a, b, c = corners[turn], corners[(turn + 1) % 3], corners[(turn + 2) % 3]
-            age = age_of(c)
-            if 1 <= age < 13:
-                code = age
-            elif c == following:
-                code, following = 0, following + 1
-            elif abs(c - last) == 1:
-                code = 13 if c < last else 14
-                last = c
-            else:
-                code = 15
-                write(c)
-            codes.append(found[0] << 4 | code)
-            if code == 0 or code >= 13:
-                add_vertex(c)
+        encoder.add(corners)
+    return bytes([TRIANGLES | 1]) + bytes(encoder.codes) + bytes(encoder.data) + CODES
+
+
+class _Ages:
+    """How many items were added after the latest equal one."""
+
+    def __init__(self) -> None:
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget all items."""
+        self._numbers, self._count = dict[Any, int](), 0
+
+    def add(self, item: Any) -> None:
+        """Add an item, whose age is 0."""
+        self._numbers[item] = self._count
+        self._count += 1
+
+    def of(self, item: Any) -> int:
+        """The age of an item; `LIST` if it was not added."""
+        return self._count - 1 - self._numbers[item] if item in self._numbers else LIST
+
+
+class _TriangleEncoder:
+    """Triangles as codes of one byte, and data of those that need more.
+
+    A code has four bits for the known edge, and four for the third vertex: its age, `NEXT` or `OTHER`.
+    """
+
+    def __init__(self) -> None:
+        self.codes, self.data = bytearray(), bytearray()
+        self._edges, self._vertices = _Ages(), _Ages()
+        self._next = self._last = 0  # the lowest vertex not used yet; the latest vertex that was written as a number
+
+    def add(self, corners: list[int]) -> None:
+        """Add a triangle."""
+        age, turn = min((self._edges.of((corners[turn], corners[(turn + 1) % 3])), turn) for turn in range(3))
+        if age < LIST - 1:
+            a, b, c = _rotate(corners, turn)
+            self._attach(age, c)
         else:
-            turn = 1 if b == following else 2 if c == following else 0
-            a, b, c = corners[turn], corners[(turn + 1) % 3], corners[(turn + 2) % 3]
-            starts_anew = (a, b, c) == (0, 1, 2) and following > 0
-            if starts_anew:
-                following = 0
-                vertices.clear()
-            ages = age_of(b), age_of(c)
-            of_corner = [15, 15, 15]
-            if a == following:
-                of_corner[0], following = 0, following + 1
-            for number, vertex in ((1, b), (2, c)):
-                if ages[number - 1] < 14:
-                    of_corner[number] = ages[number - 1] + 1
-                elif vertex == following:
-                    of_corner[number], following = 0, following + 1
-            pair = of_corner[1] << 4 | of_corner[2]
-            known = CODES[:14].find(pair)
-            if of_corner[0] == 0 and known >= 0 and not starts_anew:
-                codes.append(0xF0 | known)
-            else:
-                codes.append(0xFE | of_corner[0] & 1)
-                data.append(pair)
-            for own, vertex in zip(of_corner, (a, b, c), strict=True):
-                if own == 15:
-                    write(vertex)
-            for own, vertex in zip(of_corner, (a, b, c), strict=True):
-                if own in (0, 15):
-                    add_vertex(vertex)
-            edges[b, a] = edge_count
-            edge_count += 1
-        edges[c, b], edges[a, c] = edge_count, edge_count + 1
-        edge_count += 2
-    return bytes([TRIANGLES | 1]) + bytes(codes) + bytes(data) + CODES
+            a, b, c = self._begin(corners)
+            self._edges.add((b, a))
+        self._edges.add((c, b))
+        self._edges.add((a, c))
+
+    def _attach(self, edge_age: int, vertex: int) -> None:
+        """Encode a triangle by an edge of earlier ones and its third vertex."""
+        age = self._vertices.of(vertex)
+        if 1 <= age < BEFORE:
+            code = age
+        elif self._takes_next(vertex):
+            code = NEXT
+        elif abs(vertex - self._last) == 1:
+            code = BEFORE if vertex < self._last else AFTER
+            self._last = vertex
+        else:
+            code = OTHER
+            self._write(vertex)
+        self.codes.append(edge_age << 4 | code)
+        if code == NEXT or code >= BEFORE:
+            self._vertices.add(vertex)
+
+    def _begin(self, corners: list[int]) -> tuple[int, int, int]:
+        """Encode a triangle without a known edge; returns its corners in the order of the code."""
+        a, b, c = _rotate(corners, 1 if corners[1] == self._next else 2 if corners[2] == self._next else 0)
+        restarts = (a, b, c) == (0, 1, 2) and self._next > 0
+        if restarts:
+            self._next = 0
+            self._vertices.clear()
+        ages = self._vertices.of(b), self._vertices.of(c)
+        first = NEXT if self._takes_next(a) else OTHER
+        second, third = (
+            age + 1 if age < OTHER - 1 else NEXT if self._takes_next(vertex) else OTHER
+            for age, vertex in zip(ages, (b, c), strict=True)
+        )
+        pair = second << 4 | third
+        known = CODES[:14].find(pair)
+        if first == NEXT and known >= 0 and not restarts:
+            self.codes.append(0xF0 | known)
+        else:
+            self.codes.append(0xFE | first & 1)
+            self.data.append(pair)
+        coded = ((first, a), (second, b), (third, c))
+        for code, vertex in coded:
+            if code == OTHER:
+                self._write(vertex)
+        for code, vertex in coded:
+            if code in (NEXT, OTHER):
+                self._vertices.add(vertex)
+        return a, b, c
+
+    def _takes_next(self, vertex: int) -> bool:
+        """Use a vertex if it is the lowest one not used yet; returns whether it is."""
+        found = vertex == self._next
+        self._next += found
+        return found
+
+    def _write(self, vertex: int) -> None:
+        """Write a vertex as its difference from the latest one written."""
+        _write_number(self.data, vertex - self._last)
+        self._last = vertex
+
+
+def _rotate(corners: list[int], turn: int) -> tuple[int, int, int]:
+    return corners[turn], corners[(turn + 1) % 3], corners[(turn + 2) % 3]
 
 
 def _write_number(data: bytearray, difference: int) -> None:
@@ -118,57 +157,49 @@ def decode_triangles(content: bytes, count: int) -> Integers:
     number, end = count // 3, len(content) - len(CODES)
     if end < 1 + number or content[0] & 0xF0 != TRIANGLES or content[0] & 0x0F > 1:
         raise FormatError("its compressed triangles have another format")
-    most = 13 if content[0] & 0x0F else 15
+    oldest = BEFORE if content[0] & 0x0F else OTHER  # version 0 has no neighbours of the last vertex
     table = content[end:]
     numbers = _Numbers(content, 1 + number, end)
-    edges, vertices = [(0, 0)] * LIST, [0] * LIST
-    edge_at = vertex_at = following = last = 0
+    # By age, the latest first.
+    edges, vertices = deque([(0, 0)] * LIST, LIST), deque([0] * LIST, LIST)
+    following = last = 0
     found: list[int] = []
     for code in content[1 : 1 + number]:
         if code < 0xF0:
-            a, b = edges[(edge_at - 1 - (code >> 4)) & 15]
-            own = code & 15
-            if own == 0:
+            (a, b), own = edges[code >> 4], code & 15
+            if own == NEXT:
                 c = following
                 following += 1
-            elif own < most:
-                c = vertices[(vertex_at - 1 - own) & 15]
+            elif own < oldest:
+                c = vertices[own]
             else:
-                c = last = last + (own * 2 - 27 if own < 15 else numbers.read())
-            if own == 0 or own >= most:
-                vertices[vertex_at] = c
-                vertex_at = (vertex_at + 1) & 15
+                c = last = last + (numbers.read() if own == OTHER else -1 if own == BEFORE else 1)
+            if own == NEXT or own >= oldest:
+                vertices.appendleft(c)
         else:
-            if code < 0xFE:
-                pair, is_new = table[code & 15], True
-            else:
-                pair, is_new = numbers.byte(), code == 0xFE
-                if pair == 0:
-                    following = 0
-            first, second = pair >> 4, pair & 15
+            pair, is_next = (table[code & 15], True) if code < 0xFE else (numbers.byte(), code == 0xFE)
+            if code >= 0xFE and pair == 0:
+                following = 0
+            second, third = pair >> 4, pair & 15
             a = following
-            following += is_new
-            b = following if first == 0 else vertices[(vertex_at - first) & 15]
-            following += first == 0
-            c = following if second == 0 else vertices[(vertex_at - second) & 15]
-            following += second == 0
-            if not is_new:
+            following += is_next
+            b = following if second == NEXT else vertices[second - 1]
+            following += second == NEXT
+            c = following if third == NEXT else vertices[third - 1]
+            following += third == NEXT
+            if not is_next:
                 a = last = last + numbers.read()
-            if first == 15:
+            if second == OTHER:
                 b = last = last + numbers.read()
-            if second == 15:
+            if third == OTHER:
                 c = last = last + numbers.read()
-            vertices[vertex_at] = a
-            vertex_at = (vertex_at + 1) & 15
-            for own, vertex in ((first, b), (second, c)):
-                if own in (0, 15):
-                    vertices[vertex_at] = vertex
-                    vertex_at = (vertex_at + 1) & 15
-            edges[edge_at] = b, a
-            edge_at = (edge_at + 1) & 15
-        edges[edge_at] = c, b
-        edges[(edge_at + 1) & 15] = a, c
-        edge_at = (edge_at + 2) & 15
+            vertices.appendleft(a)
+            for own, vertex in ((second, b), (third, c)):
+                if own in (NEXT, OTHER):
+                    vertices.appendleft(vertex)
+            edges.appendleft((b, a))
+        edges.appendleft((c, b))
+        edges.appendleft((a, c))
         found += (a, b, c)
     if numbers.at != end:
         raise FormatError("its compressed triangles have another size")
