@@ -284,37 +284,34 @@ def _add_symmetry(parser: argparse.ArgumentParser) -> None:
 def _add_options(parser: argparse.ArgumentParser, group: type, names: Iterable[str] = ()) -> None:
     """Add all or some options of a group of properties."""
     for name in names or group.__annotations__:
-        option = group.__annotations__[name]
-        definition, kind = option.keywords, _kind(option)
-        flag, default = "--" + name.removeprefix("use_").replace("_", "-"), definition.get("default")
-        keywords: dict[str, Any] = {
-            "dest": name,
-            "default": default,
-            "help": definition["description"].replace("%", "%%"),
-        }
-        if kind == "Bool" and default:
-            parser.add_argument(
-                flag.replace("--", "--no-", 1),
-                action="store_false",
-                **keywords | {"help": f"turn off: {keywords['help']}"},
-            )
-        elif kind == "Bool":
-            parser.add_argument(flag, action="store_true", **keywords)
-        elif kind == "Enum":
-            choices = MORE_CHOICES.get(name) or tuple(identifier.lower() for identifier, *_ in definition["items"])
-            parser.add_argument(flag, choices=choices, type=str.lower, **keywords | {"default": default.lower()})
-        elif kind == "String":
-            parser.add_argument(flag, metavar="TEXT", **keywords | {"default": ""})
-        else:
-            is_angle = definition.get("subtype") == "ANGLE"
-            turn = math.degrees if is_angle else float if kind == "Float" else int
-            least, most = (None if definition.get(end) is None else turn(definition[end]) for end in ("min", "max"))
-            keywords |= {"default": round(turn(default), 6)} | (
-                {"help": f"{keywords['help']}, in degrees"} if is_angle else {}
-            )
-            parser.add_argument(
-                flag, type=_number(int if kind == "Int" else float, least, most), metavar="N", **keywords
-            )
+        flag = "--" + name.removeprefix("use_").replace("_", "-")
+        flag, keywords = _argument(flag, name, group.__annotations__[name])
+        parser.add_argument(flag, dest=name, **keywords)
+
+
+def _argument(flag: str, name: str, option: Any) -> tuple[str, dict[str, Any]]:
+    """The flag and the keywords by which argparse reads a Blender property."""
+    definition, kind = option.keywords, _kind(option)
+    default, explanation = definition.get("default"), definition["description"].replace("%", "%%")
+    if kind == "Bool" and default:
+        about = {"action": "store_false", "default": default, "help": f"turn off: {explanation}"}
+        return flag.replace("--", "--no-", 1), about
+    if kind == "Bool":
+        return flag, {"action": "store_true", "default": default, "help": explanation}
+    if kind == "Enum":
+        choices = MORE_CHOICES.get(name) or tuple(identifier.lower() for identifier, *_ in definition["items"])
+        return flag, {"choices": choices, "type": str.lower, "default": default.lower(), "help": explanation}
+    if kind == "String":
+        return flag, {"metavar": "TEXT", "default": "", "help": explanation}
+    is_angle = definition.get("subtype") == "ANGLE"
+    convert = math.degrees if is_angle else float if kind == "Float" else int
+    low, high = (None if definition.get(end) is None else convert(definition[end]) for end in ("min", "max"))
+    return flag, {
+        "type": _number(int if kind == "Int" else float, low, high),
+        "metavar": "N",
+        "default": round(convert(default), 6),
+        "help": f"{explanation}, in degrees" if is_angle else explanation,
+    }
 
 
 def _number(kind: type, least: float | None, most: float | None) -> Callable[[str], float]:
