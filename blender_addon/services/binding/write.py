@@ -54,7 +54,7 @@ def _redirect_drivers(target: Object, read: Iterable[Object]) -> list[Message]:
     blocks = {part: part for each in own for part in (each, each.data)}
     others = {block: other for each in read for block, other in mesh_data.partner_armatures(each, own[0]).items()}
     partners = mesh_data.Partners(blocks, if_present=others)
-    return list(notes_on_drivers(mesh_data.redirect_drivers(target.data.shape_keys, partners), target))
+    return notes_on_drivers(mesh_data.redirect_drivers(target.data.shape_keys, partners), target)
 
 
 def write_posed_shape(target: Object, bound: Bound) -> None:
