@@ -32,15 +32,15 @@ from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.rigging.skinning import blend_matrices, transform_points
 from zoomout_core.transfer.rules import map_target, transfer_along
 
-# A given mesh is in the place of the asset if at most this share of its vertices is farther from it than this part of
-# the asset's extent. In levels of 100 to 350 vertices of four game characters, at most 0.3 % are; of characters with
-# arms turned by 15 degrees, at least 12 %.
+# A given mesh coincides with the asset if at most `MAX_FAR_SHARE` of its vertices are farther from it than `FAR`,
+# relative to the asset's extent. This holds for at most 0.3 % of the vertices in levels of 100 to 350 vertices of four
+# game characters, and for at least 12 % if arms are turned by 15 degrees.
 FAR, MAX_FAR_SHARE = 0.03, 0.05
-# A connected part of a given mesh replaces the part of the asset that most of its vertices are closest to, and others
-# that this share of as many are closest to; fewer are where layers touch.
+# A connected part of a given mesh replaces the part of the asset that is closest to most of its vertices. It also
+# replaces other parts that are closest to at least this share of as many; fewer vertices are due to touching layers.
 JOINED = 0.5
-# Vertices of a given mesh for which these parts are farther than the closest one by more than this share of the extent
-# receive data from the latter: a mesh may join a small part, such as a hat, to a large one. Layers are closer.
+# A given mesh may join a small part, such as a hat, to a large one. A vertex receives data from the closest part if the
+# replaced parts are farther by more than this share of the extent. Layers are closer.
 ASIDE = 0.01
 
 
@@ -51,8 +51,8 @@ def complete_levels(
 ) -> dict[str, Level]:
     """Give the data of an asset to meshes that are to be its levels of detail, made by hand.
 
-    Their vertices and faces stay as they are. They receive all data of the asset, each vertex from the point of the
-    asset that is closest to it and on the same side, and weights that are fitted to the asset in poses.
+    Their vertices and faces stay as they are. Each vertex receives the data of the closest point of the asset that is
+    on the same side. The weights are fitted to the asset in poses.
 
     Args:
         asset: the asset, which is level 0.

@@ -137,8 +137,8 @@ def same_triangles(before: Surface, now: Surface) -> tuple[Integers, Integers]:
     """Find the triangles of a surface in an edited file of it, by the places of their corners.
 
     Returns:
-        (m,) for each triangle of `before` its number now, -1 if it is gone; and (m, 3) the position in it of each of
-        its corners.
+        (m,) the present number of each triangle of `before`, -1 if it is gone; and (m, 3) the positions of its corners
+        in the present triangle.
     """
     places, of_before = np.unique(before.vertices, axis=0, return_inverse=True)
     reach = SAME_PLACE * float(np.ptp(places, axis=0).max())

@@ -35,9 +35,8 @@ from zoomout_core.transfer.rules import Match, map_target, transfer_along
 KINDS = (UV, COLOR, MATERIALS, SHAPE_KEYS, WEIGHTS, NORMALS)
 # Whether to unpose a target that gets a skin: if its pose differs from the source's rest pose, always, or never.
 SHAPES = ("automatic", "rest pose", "keep shape")
-# If a larger share of the target's area is within `RestTuning.in_place` of the source, both have the same pose and
-# place, so the source's joints take the target to the rest pose. Fingers and hems of a remeshed target are farther
-# away.
+# Share of the target's area within `RestTuning.in_place` of the source above which both have the same pose and place.
+# Then the source's joints take the target to the rest pose. Fingers and hems of a remeshed target are farther away.
 MIN_IN_PLACE_SHARE = 0.9
 
 
@@ -84,10 +83,10 @@ def transfer_asset(
         shape: how to take the target to the rest pose, from `SHAPES`.
         fill_below: confidence below which values are filled in from around, see `transfer.transfer`.
         max_weights: how many joints a vertex may have; as many as on the source, when not given.
-        move_rig: move the joints into the target, which keeps its own size, and compare how it plays the animations;
-            otherwise it takes the size of the source, whose joints stay where they are.
-        mask: (n_t,) share of the source's data at each vertex of the target, in [0, 1], so that several sources may
-            share a target: the rest of its data, its joints and its weights are its own. None to receive all.
+        move_rig: move the joints into the target, which keeps its size, and compare how both play the animations.
+            Otherwise the joints stay where they are, and the target takes the size of the source.
+        mask: (n_t,) share of the source's data at each vertex of the target, in [0, 1]. The target keeps the rest of
+            its data, its joints and its weights, so that several sources may share it. None to receive all.
 
     Raises:
         MeshError: the source has no data of these kinds, it has no skin to move, or the map is of other surfaces.

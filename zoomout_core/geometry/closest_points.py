@@ -216,8 +216,9 @@ def project_to_embedding(
 ) -> tuple[Integers, Floats]:
     """Precise map: find the point of an embedded surface (n, k) that is closest to each query (q, k).
 
-    Searches the neighbourhood of the nearest vertex (q,), as in the local variant of Ezuz and Ben-Chen (Deblurring and
-    denoising of maps between shapes, 2017), with bounded memory. Uses single precision for many dimensions.
+    Only the neighbourhood of the nearest vertex (q,) is searched, in blocks of bounded memory: the local variant of
+    Ezuz and Ben-Chen, Deblurring and denoising of maps between shapes (2017). Uses single precision for many
+    dimensions.
 
     Returns:
         (q,) triangle numbers and (q, 3) barycentric coordinates.

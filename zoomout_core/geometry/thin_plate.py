@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Smooth deformations of space: thin-plate splines in three dimensions.
 
-The spline f(x) = A x + b + sum_j w_j |x - c_j| minimises a bending energy among all functions that take its values
-(Duchon, Splines minimizing rotation-invariant semi-norms in Sobolev spaces, 1977; Bookstein, Principal warps, 1989). As
-in Wahba (Spline models for observational data, 1990) it is fitted to noisy data with fewer centres than data.
+The spline f(x) = A x + b + sum_j w_j |x - c_j| minimises a bending energy among all functions with the same values at
+the centres (Duchon, Splines minimizing rotation-invariant semi-norms in Sobolev spaces, 1977; Bookstein, Principal
+warps, 1989). As in Wahba (Spline models for observational data, 1990) it is fitted to noisy data with fewer centres
+than data.
 """
 
 from __future__ import annotations

@@ -30,8 +30,8 @@ class MatchOptions:
     Attributes:
         initial: the initial map. "auto": from the shapes alone. "landmarks": from the given pairs. "proximity": from
             nearest points, if the two overlap in space. "given": from `initial_map`.
-        landmarks: a tuple of places on the source and the places on the target that correspond to them: vertex numbers
-            (m,), or points (m, 3) on the surface, in its own frame and unit. A list of pairs is refused.
+        landmarks: a tuple (places on the source, corresponding places on the target). Each is vertex numbers (m,), or
+            points (m, 3) on the surface, in its own frame and unit. A list of pairs is refused.
         initial_map: a source vertex for each target vertex (n_t,), a SurfaceMap, or a functional map
             (k_t, k_s) between `eigenbasis(source)` and `eigenbasis(target)`. With initial="auto" it is evidence, not
             only the initial map.
@@ -48,7 +48,7 @@ class MatchOptions:
         regions: pairs of source vertices and target vertices that correspond as sets, such as vertex groups of the same
             name. They are evidence, constrain the map, and decide which loose parts are paired.
         partial: "auto": if the map of two whole shapes is uncertain, and a part may be missing at a border of either,
-            one is also tried as a part of the other, with initial="auto"; "off": shapes are whole.
+            one is also tried as a part of the other. This requires initial="auto". "off": both shapes are whole.
         exact_landmarks: deform the final map so that each landmark lands on its partner; else landmarks attract it.
 
     Raises:

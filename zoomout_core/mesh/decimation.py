@@ -29,8 +29,8 @@ INDEPENDENT_SET_ROUNDS = 8
 # interpreter's lock.
 MAX_STAGE_VERTICES = 20_000
 # Standard deviation of random displacements of vertices before their quadrics are computed, along each axis, in vertex
-# spacings. Quadrics do not determine positions on flat facets, so that rounding would: of the vertices of six voxel-
-# remeshed game characters, 8 to 65 % went elsewhere at other scales, and now 0 to 2 %. The mean distance between a mesh
+# spacings. Quadrics do not determine positions on flat facets, so that rounding would. On six game characters remeshed
+# by voxels, 8 to 65 % of the vertices went elsewhere at other scales; now 0 to 2 % do. The mean distance between a mesh
 # and its proxy grows by 1 %; it is 5 % with 0.03.
 JITTER = 0.01
 # Share of flat vertices from which on a mesh is displaced: scans and sculpted bodies have at most 0.002, and low-poly

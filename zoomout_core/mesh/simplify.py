@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Simplify a mesh whose corners have data, in several poses at once, along its seams.
 
-Vertices are merged into neighbours by quadric error (Garland and Heckbert 1997), summed over the poses that the mesh
-can take (Mohr and Gleicher 2003), so that more vertices stay where it bends. Borders, seams of the data and borders
-between labels are lines: a vertex on a line moves along it, and one where lines meet stays. Each vertex of the
-result is a vertex of the mesh, with all of its data. If all lines must be ignored, a corner that moves across a seam
-keeps its own data, such as texture coordinates, so that no triangle has those of two charts. No collapse folds the
-surface: quadrics alone let the two sides of a thin part, such as a toe, merge into one sheet. A round makes cheap
+Vertices are merged into neighbours in the order of their quadric errors (Garland and Heckbert 1997). Errors are summed
+over the poses of the mesh (Mohr and Gleicher 2003), so that more vertices stay where it bends. Borders, seams of the
+data and borders between labels are lines: a vertex on a line moves along it, and one where lines meet stays. Each
+vertex of the result is a vertex of the mesh, with all of its data. If all lines must be ignored, a corner that moves
+across a seam keeps its own data, such as texture coordinates, so that no triangle mixes two charts. No collapse folds
+the surface: quadrics alone let the two sides of a thin part, such as a toe, merge into one sheet. A round makes cheap
 collapses that do not touch each other, and only costs of edges that these change are recomputed.
 """
 
@@ -37,8 +37,8 @@ MIN_OPENING = 0.2
 KEPT_OPENING = 0.5
 # The opening between triangles of a plane.
 FLAT_OPENING = 2.0
-# Root mean square distances from their planes, relative to the extent, up to which collapses move vertices: first, and
-# once the least important layer is ignored. Farther ones would destroy parts.
+# Root mean square distances from their planes, relative to the extent, by which collapses may move vertices: at first,
+# and once the least important layer is ignored. Farther ones would destroy parts.
 DISTANCES = (0.01, 0.02)
 # Entries of quadrics that are processed together, to bound the memory.
 BLOCK = 1 << 19
@@ -85,8 +85,9 @@ def simplify(
         chart: (m, 3, 2) texture coordinates, whose triangles are not turned over.
 
     Returns:
-        For each count (m',) the triangle that each triangle of the result was, (m', 3) a corner that was at the vertex
-        of each of its corners, and (m', 3) the corner whose data each has, in the flat list of all corners (3 m). The
+        Three arrays for each count: (m',) the original triangle of each triangle of the result, (m', 3) an original
+            corner at the vertex of each of its corners, and (m', 3) the original corner that each takes its data from.
+            Corners are numbers in the flat list of all corners (3 m). The
         two differ where all layers are ignored and a triangle reaches across a seam of the first.
     """
     state = _State(poses, triangles, layers[0] if len(layers) else np.zeros_like(triangles), mirror, chart)
@@ -178,8 +179,8 @@ class _State:
     def mirror_diagonals(self, layers: Sequence[Integers]) -> None:
         """Make the mesh as symmetric as its vertices, as edges without a mirror image are never collapsed.
 
-        Where an image is missing because the quad there is divided along its other diagonal, the longer one of the two
-        diagonals is flipped: programs divide quads alike on both sides. Ends of edges that still have no image, or a
+        If an image is missing because the quad there is divided along its other diagonal, the longer of the two
+        diagonals is flipped. Programs divide quads alike on both sides. Ends of edges that still have no image, or a
         seam of the layers on one side only, are treated independently.
         """
         if self.mirror is None:

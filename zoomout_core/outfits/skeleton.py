@@ -165,8 +165,8 @@ def _copy_joints(
     """Copy the outfit's own joints, with the nodes that hang from them, such as ends of chains.
 
     Returns:
-        The joints, the number of each copied node of the outfit's document, and the number in the avatar's skin of the
-        joint that each hangs from.
+        The joints, the number of each copied node in the outfit's document, and the number of its parent joint in the
+        avatar's skin.
     """
     skin, document = clothes.skin, clothes.document
     assert skin is not None

@@ -11,8 +11,8 @@ from pathlib import Path, PureWindowsPath
 from typing import IO, BinaryIO
 from zipfile import ZIP_DEFLATED, ZIP_STORED, ZipFile, ZipInfo
 
-# Compressed data may expand to this many times its size, or to the bytes in the second constant if these are more, but
-# never beyond the third one. Deflated meshes and maps shrink to a third or a twentieth of their size; 1000 times is
+# Compressed data may expand to this many times its size, or to the bytes in the second constant if that is more, but
+# never beyond the third. Deflated meshes and maps shrink to a third or a twentieth of their size; 1000 times is
 # possible.
 MAX_EXPANSION, ALWAYS_ALLOWED, MAX_BYTES = 100, 1 << 25, 1 << 31
 

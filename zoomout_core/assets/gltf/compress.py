@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Compress the meshes of glTF files by Draco or meshopt, as the web ships them.
 
-Both round numbers: positions and morph targets to a 2^17th of the mesh's extent, texture coordinates to a 2^17th,
-normals to a tenth of a degree, weights and colours to 16 bits. Joints, indices, animations and stored maps are exact.
+Both round numbers. Positions and morph targets are exact to 2^-17 of the mesh's extent, texture coordinates to 2^-17,
+normals to a tenth of a degree. Weights and colours have 16 bits. Joints, indices, animations and stored maps are not
+rounded.
 """
 
 from __future__ import annotations

@@ -289,8 +289,8 @@ def _triangles(document: Document, primitive: Primitive, count: int) -> Integers
 def _influences(rows: dict[str, Floats]) -> tuple[Integers, Floats, Booleans]:
     """(n, s) joints and (n, s) weights of all sets, the largest first; joints without weight are 0.
 
-    Where all weights are zero, which glTF leaves undefined, the first joint has a weight of one, as when Blender
-    imports the file; the last array (n,) marks these vertices.
+    If all weights of a vertex are zero, which glTF leaves undefined, its first joint gets a weight of one, as in
+    Blender's importer. The last array (n,) marks these vertices.
     """
     count = len(rows["POSITION"])
     sets = [number for number in range(len(rows)) if f"JOINTS_{number}" in rows and f"WEIGHTS_{number}" in rows]

@@ -226,8 +226,8 @@ def _onto(
 ) -> tuple[Image, Floats]:
     """The closest points of some pieces of the source, in place and normal, and (n,) the distances to them.
 
-    Vertices (n,) of the target, of a part of some size, lie at `points` (n, 3) on the source, with `normals` (n, 3);
-    an exact fit has confidence `most`.
+    The part's vertices (n,) have the places `points` (n, 3) and the normals `normals` (n, 3) on the source. An exact
+    fit has confidence `most`.
     """
     first = np.cumsum([0] + [len(piece.vertices) for piece in pieces])
     positions = np.concatenate([piece.points for piece in pieces])

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Find loose parts of the source that the target shows fused with its body, such as the horns of a remeshed cow.
 
-The body's map sends them to the body around the part. There, the target is registered to the source's outside by
-iterated closest points, both ways: Besl and McKay, A method for registration of 3-D shapes (1992). The target has the
-part if its shape fits the part closely, the part fits it, and the body beside the part does not.
+The body's map sends them to the body around the part. The target is registered there to the source's outside by
+iterated closest points in both directions: Besl and McKay, A method for registration of 3-D shapes (1992). The target
+has the part if its shape fits the part closely, the part fits it, and the body beside the part does not.
 
 Lengths are at unit area of the source's body.
 """
@@ -52,8 +52,8 @@ MAX_SCALE = 1.35
 class FusedPartTuning(Tuning, set_by="everywhere"):
     """When a target has a part of the source fused with its body."""
 
-    # Root mean square distance between part and target, both ways. Horns and eyes of remeshed animals, the same or of
-    # another species, have at most .21, a very small one .26; animals without them, but with ears there, .36 and more.
+    # Root mean square distance between part and target, both ways. Horns and eyes of remeshed animals of the same or
+    # another species have at most .21, a very small one .26. Animals that have ears there instead have .36 and more.
     residual: float = tuned(0.28, "sizes of the part", 0, 1)
     # Ratio of the distance of the target's patch from the body to that from the part: flush parts have about 1, horns
     # and eyes 3.7 and more.

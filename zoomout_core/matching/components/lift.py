@@ -42,8 +42,8 @@ OF_ONE = {
 }
 
 
-# Tolerance of the point of the body that is nearest to a vertex without an image, at unit area: on fine meshes, loose
-# flecks are far from many triangles that are about equally close.
+# Tolerance, at unit area, in the search for the body's point nearest to a vertex without an image. On fine meshes,
+# loose flecks are about equally far from many triangles.
 BESIDE_TOLERANCE = 0.01
 
 

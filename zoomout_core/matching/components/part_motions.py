@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Motions of the rigid pieces of a source: plates of a robot, boots, strands of hair, the trunk and sleeves of a shirt.
 
-The body's map bends smoothly at a joint, where plates slide over each other and clothes bend sharply. Each part is
-registered to the vertices that map to it, by iterated closest points: Besl and McKay, A method for registration of 3-D
-shapes (1992). A part that bends is divided into pieces by place and rotation: Ward, Hierarchical grouping to optimize
-an objective function (1963).
+The body's map bends smoothly at a joint, where plates slide over each other and clothes bend sharply. Iterated closest
+points register each part to the vertices that map to it: Besl and McKay, A method for registration of 3-D shapes
+(1992). A part that bends is divided into pieces by place and rotation: Ward, Hierarchical grouping to optimize an
+objective function (1963).
 """
 
 from __future__ import annotations

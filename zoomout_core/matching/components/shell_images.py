@@ -40,7 +40,7 @@ class ShellImageTuning(Tuning, set_by="characters"):
     # A part covered by another one, as a body by clothes, must be nearer by this. Covered joints show in other poses.
     cover: float = tuned(0.015, "at unit area", 0, 1)
     inner_reach: float = tuned(0.05, "at unit area", 0, 1)  # distance up to which inner vertices map to inner parts
-    # Vertices in place that are nearer to a triangle lie on it, whichever side of it is outside.
+    # Vertices that are nearer than this to a triangle are on it, whichever side of it is outside.
     lies_on: float = tuned(0.004, "at unit area", 0, 1)
     flush: float = tuned(0.015, "at unit area", 0, 1)  # a shell lies on its partner if half of it is nearer
 
@@ -90,8 +90,8 @@ def find_beneath(
     """Closest points of the source to points (n, 3) with normals (n, 3) of the target, moved there.
 
     Outer vertices, by `of_source` (n_s,) and `of_target` (n,), map to outer triangles, inner vertices to inner ones.
-    Surfaces that overlap in place are exact where they lie on each other: there, vertices map to any triangle, because
-    the hull also covers creases, such as those of a braid.
+    Where surfaces coincide, nearest points are exact. Vertices map to any triangle there, because the hull also covers
+    creases, such as those of a braid.
     """
     triangles = source.mesh.triangles
     outer = of_source[triangles].any(axis=1)

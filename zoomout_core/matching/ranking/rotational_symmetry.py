@@ -43,7 +43,7 @@ SLIDING_WEIGHT = 0.02
 MAX_MEAN_DISTANCE = 0.012
 # A point is off the surface beyond this distance at unit area, or, on coarse meshes, beyond this fraction of the mean
 # vertex spacing. At most this share of the area may be off, such as an edge that two meshes round differently. On 37
-# remeshed solids, 97 % of the area lay within 0.011 under every rotation of their groups, and none was missed; on 60
+# remeshed solids, 97 % of the area was within 0.011 under every rotation of their groups, and none was missed. On 60
 # people, animals and generated creatures, the best rotation reached 0.026.
 OFF_SURFACE_DISTANCE = 0.015
 OFF_SURFACE_SPACING = 0.5

@@ -34,8 +34,8 @@ MAX_ROUNDS_AT_FINAL_SIZE = 5
 class Schedule(NamedTuple):
     """Rounds on samples."""
 
-    # Size of the functional map, and diffusion length, at unit area, over which images are smoothed: the target is
-    # aligned with the source in space, which decides the orientation of its limbs.
+    # Size of the functional map, and diffusion length, at unit area, over which images are smoothed, when the target is
+    # aligned with the source in space. The alignment decides the orientation of its limbs.
     aligning: tuple[tuple[int, float], ...]
     # First and last size of the functional map, which grows again by the step, with a lower weight of positions in
     # space.

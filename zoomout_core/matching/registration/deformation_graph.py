@@ -17,9 +17,9 @@ from zoomout_core.arrays import Floats, Integers, segment_sum, take_rows
 from zoomout_core.geometry.procrustes import Moments, products
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 
-# Diagonals grow by this part (Marquardt 1963): more than the rounding of single precision, which takes two thirds of
-# the time and is exact enough where the next step searches closest points again. The second, relative to the
-# mean of the diagonal, keeps a node in place that no residual depends on.
+# Diagonals grow by this part (Marquardt 1963), which exceeds the rounding of single precision. Single precision takes
+# two thirds of the time, and is exact enough because the next step searches closest points again. The second, relative
+# to the mean of the diagonal, keeps a node in place that no residual depends on.
 DAMPING, MIN_DIAGONAL = 1e-5, 1e-9
 # Nodes that move each vertex.
 NODES_PER_VERTEX = 5
@@ -27,8 +27,8 @@ NODES_PER_VERTEX = 5
 ROTATION_WEIGHT = 0.0005
 # Scale s of the weight 1 / (1 + (r / s)^2) of neighbours that disagree by r, at unit area: joints bend.
 JOINT_SCALE = 0.01
-# Steps towards closest points are scaled by the first and add a fraction of the step before (Polyak 1964), since
-# surfaces that slide along each other converge slowly: two thirds of the rounds then lead as far.
+# Steps towards closest points are scaled by the first number, and the second is the fraction of the previous step that
+# is added (Polyak 1964). Surfaces that slide along each other converge slowly; this saves a third of the rounds.
 OVER_RELAXATION = 1.6
 MOMENTUM = 0.3
 

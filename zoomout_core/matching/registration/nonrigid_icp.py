@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Non-rigid ICP: deform the target onto the source until the two surfaces coincide.
 
-Eigenfunctions locate points to a few hundredths of a shape's size. Positions in space are far more exact if both are
-the same body in two poses: its parts move nearly rigidly, so that a registered part coincides with the other surface.
-A deformation graph carries rotations and translations, which neighbouring nodes share (Sumner, Schmid and Pauly,
-Embedded deformation for shape manipulation, 2007). It is fitted by the Gauss-Newton method to closest points with
-compatible normals. Mainly distances across the surface count, so that parts may slide into place (Li, Adams, Guibas and
-Pauly, Robust single-view geometry and motion reconstruction, 2009).
+Eigenfunctions locate points to a few hundredths of a shape's size. Positions in space are far more exact if both shapes
+are the same body in two poses: its parts move nearly rigidly, so a registered part coincides with the other surface. A
+deformation graph carries rotations and translations, which neighbouring nodes share (Sumner, Schmid and Pauly, Embedded
+deformation for shape manipulation, 2007). It is fitted by the Gauss-Newton method to closest points with compatible
+normals. Mainly distances across the surface count, so that parts may slide into place (Li, Adams, Guibas and Pauly,
+Robust single-view geometry and motion reconstruction, 2009).
 """
 
 from __future__ import annotations
@@ -62,8 +62,8 @@ class Pins(NamedTuple):
 PIN_WEIGHT = 0.02
 # Diffusion length, at unit area, that smooths the images to which the target is aligned first.
 ALIGNMENT_WIDTH = 0.06
-# The first levels have few nodes, so that a trunk turns about its axis along with its limbs: nothing else determines
-# the rotation of a round part about its axis.
+# The first levels have few nodes, so that a trunk rotates about its axis together with its limbs. Nothing else
+# determines the rotation of a round part about its axis.
 NONRIGID_SCHEDULE = (
     Level(40, 1.0, 0.3, 1),
     Level(40, 0.01, 0.3, 5),
@@ -75,12 +75,12 @@ NONRIGID_SCHEDULE = (
 )
 # A level ends once its nodes move by less than this on average, at unit area.
 CONVERGED_MOTION = 6e-4
-# A fit is rejected where eigenfunctions disagree with it by more than this factor times their disagreement with the
-# first map, plus an allowance at unit area. Both are averaged over a diffusion length, at unit area.
+# A fit is rejected where the eigenfunctions disagree with it by more than an allowance, at unit area, plus this factor
+# times their disagreement with the first map. Both are averaged over a diffusion length, at unit area.
 MAX_DISAGREEMENT_RATIO = 2.0
 DISAGREEMENT_ALLOWANCE = 0.02
 DISAGREEMENT_WIDTH = 0.03
-# Largest distance from a vertex's image on the proxy to that on the full mesh, at unit area: anything farther is
+# Largest distance, at unit area, between a vertex's images on the proxy and on the full mesh. Anything farther is on
 # another part that touches this one.
 MAX_LIFT_DISTANCE = 0.03
 

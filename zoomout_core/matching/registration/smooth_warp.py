@@ -3,9 +3,9 @@
 
 Bones, teeth and other solid bodies differ by smooth deformations of space, which move the two sides of a thin wall
 alike. A thin-plate spline therefore places points more exactly than a map that is computed along the surface, and does
-not confuse the sides. The spline is fitted to the map's correspondences with robust weights, which overrule regions
-that the map has elsewhere, and then to closest points with compatible normals, from both surfaces. Distances across the
-surface count most, so that surfaces may slide into place (Chen and Medioni, Object modelling by registration of
+not confuse the sides. The spline is first fitted to the map's correspondences. Robust weights ignore regions that the
+map sends elsewhere. It is then fitted to closest points with compatible normals, in both directions. Distances across
+the surface count most, so that surfaces may slide into place (Chen and Medioni, Object modelling by registration of
 multiple range images, 1992).
 """
 

@@ -42,8 +42,8 @@ from zoomout_core.runtime.outputs import atomic_write
 # Formats that trimesh reads with packages of the extra `formats`, and all that it is asked to read.
 WITH_EXTRA = frozenset({".dae", ".zae", ".3mf"})
 OF_TRIMESH = WITH_EXTRA | {".3dxml", ".ctm", ".step", ".stl", ".stl_ascii", ".stp", ".xaml", ".xyz"}
-# Zip archives of XML, which takes 40 times its size in memory, so that it may expand less than other data: to this many
-# times the size of the file, or to the bytes in the second constant. Meshes expand 7 to 11 times.
+# Zip archives of XML may expand less than other data, because XML takes 40 times its size in memory: to this many times
+# the size of the file, or to the bytes in the second constant if that is more. Meshes expand 7 to 11 times.
 ARCHIVES = frozenset({".3dxml", ".3mf", ".zae"})
 XML_EXPANSION, XML_ALLOWED = 16, 1 << 23
 
