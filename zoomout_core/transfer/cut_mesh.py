@@ -32,8 +32,8 @@ RIM = 1e-9
 MAX_FACES_AT_EDGE = 8
 # Points processed together, so that the arrays fit into a processor's cache, and pairs of a point and a triangle.
 BLOCK, PAIRS = 1 << 14, 1 << 18
-# Cosine of the angle between the normals of a triangle and of its vertex, below which walks also search around a
-# closest point: a steep or folded triangle hides others from the points above it.
+# Cosine of the angle between the normals of a triangle and of its vertex below which walks also search around a closest
+# point. A steep or folded triangle hides others from the points above it.
 MIN_NORMAL_COSINE = 0.5
 
 

@@ -34,11 +34,11 @@ class FrameTuning(Tuning, set_by="transfer"):
 
     Attributes:
         smoothing_length: width of the neighbourhoods, about a wrist. With half or twice the width, errors of keys on
-            posed characters grow by a fifth to a quarter, because noise remains or bones are mixed.
-        growth_rounds: rounds of averaging for the growth, which is so a mean over twice as wide neighbourhoods: a bend
-            stretches the skin on one side and compresses it on the other, without any growth of the flesh.
-        excess: the deviation of a map from the similarity of a wide neighbourhood, as a multiple of its deviation from
-            those of narrow ones, from which on the wide neighbourhood does not count in `steady_turns`.
+            posed characters grow by a fifth to a quarter: noise remains, or bones are mixed.
+        growth_rounds: rounds of averaging for the growth, which make it a mean over neighbourhoods twice as wide. A
+            bend stretches the skin on one side and compresses it on the other, although the flesh does not grow.
+        excess: if a map deviates from the similarity of a wide neighbourhood by more than this multiple of its
+            deviation from those of narrow ones, `steady_turns` ignores the wide neighbourhood.
         deviation: the same as a share of the size of the neighbourhood. Both were set on heads (`faces`) and posed
             bodies.
         same_direction: rotation between two shapes up to which they face the same way, see `without_small_turn`. Shapes
@@ -69,8 +69,8 @@ MIN_TRUST = 1e-6
 DOUBTED_WEIGHT = 1e-3
 # Maximum growth of the target at a place relative to the mean, and by its inverse the minimum; beyond it is noise.
 MAX_RELATIVE_GROWTH = 4.0
-# Multiple of the angle up to which shapes face the same way, from which on they do not; the same of the logarithm of a
-# ratio up to which they are of similar size, and of the deviation up to which one is a copy of the other.
+# Each limit is followed by a gradual transition. These are the multiples of the limits at which it ends: of the angle
+# between shapes that face the same way, of the logarithm of the ratio of similar sizes, and of the deviation of a copy.
 OTHER_DIRECTION = OTHER_SIZE = 1.5
 OTHER_SHAPE = 2.0
 # A wide neighbourhood counts in full up to this share of the deviation from which on it does not count.
@@ -134,10 +134,10 @@ class Frames:
         """(n, 3, 3) `turns`, or those of wider neighbourhoods where the map deviates from these by noise only.
 
         On another head, the differential of a map varies with the map's errors and the shapes of features, which must
-        not rotate expressions. In another pose, it varies across joints and hardly within a bone. So the similarity
-        that fits a wide neighbourhood best counts where the map deviates from it by little, and by hardly more than
-        from those that fit narrow neighbourhoods; then that of all vertices does, where the same holds for it, without
-        a small turn.
+        not rotate expressions. In another pose, it varies across joints and hardly within a bone. So the best
+        similarity of a wide neighbourhood is used where the map deviates little from it, and hardly more than from
+        those of narrow neighbourhoods. Where the same holds for the similarity of all vertices, that one is used,
+        without a small rotation.
         """
         size = np.sqrt(self.mapped.source.area) / self.mapped.target.working.scale
         moments, side = self._moments, self._handedness
@@ -171,8 +171,8 @@ class Frames:
 
         Head models add the same offsets to small and large heads (Blanz and Vetter, A morphable model for the synthesis
         of 3D faces, 1999; Li et al., Learning a model of facial shape and expression from 4D scans, 2017). But an
-        enlarged copy of a head needs longer offsets to close its eyes, and a head of quite another size is in another
-        unit, or is a creature's.
+        enlarged copy of a head needs longer offsets to close its eyes. A head of a very different size is in another
+        unit, or belongs to a creature.
         """
         differs = (self._whole[1][0] / FRAMES.same_shape - 1) / (OTHER_SHAPE - 1)
         similar = (OTHER_SIZE - abs(np.log(self.growth)) / np.log(FRAMES.same_size)) / (OTHER_SIZE - 1)

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Fill in values where the map cannot be trusted, from their surroundings on the target.
 
-Abdrashitov, Raichstat, Monsen and Hill, Robust Skin Weights Transfer via Weight Inpainting (2023): the values w of the
-doubtful vertices minimise w' (-L + L M^-1 L) w, with the Laplacian L and the vertices' areas M, while values of trusted
-vertices are fixed. The second term continues them smoothly, the first limits overshoot. Both are computed at unit area,
-so that the result does not depend on units.
+Abdrashitov, Raichstat, Monsen and Hill, Robust Skin Weights Transfer via Weight Inpainting (2023). The values w of
+doubtful vertices minimise w' (-L + L M^-1 L) w, while those of trusted vertices are fixed. L is the Laplacian, and M
+has the areas of the vertices. The second term continues them smoothly, the first limits overshoot. Both are computed at
+unit area, so that the result does not depend on units.
 """
 
 from __future__ import annotations

@@ -19,8 +19,8 @@ from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.picks import Picks
 from zoomout_core.transfer.uv.transfer_uv import pick_uv
 
-# Largest difference between a mixture and the transferred value, relative to the largest value: rounding in single
-# precision, in which programs store both, is a tenth of it.
+# Largest difference between a mixture and the transferred value, relative to the largest value. Programs store both in
+# single precision, whose rounding is a tenth of this.
 SAME_VALUE = 1e-6
 
 

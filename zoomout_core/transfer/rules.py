@@ -139,9 +139,9 @@ def transfer(
 ) -> Attribute:
     """Transfer an attribute of the source to the target.
 
-    Vertices without a partner on the source are filled in: numbers, colours, weights and shape keys smoothly from
-    their surroundings; other kinds take the nearest value along the surface. To keep the target's own values
-    there, `blend` with the match's `has_partner` as the mask.
+    Vertices without a partner on the source are filled in. Numbers, colours, weights and shape keys are continued
+    smoothly from their surroundings; other kinds take the nearest value along the surface. To keep the target's own
+    values there, `blend` with the match's `has_partner` as the mask.
 
     Args:
         attribute: an attribute of the source.

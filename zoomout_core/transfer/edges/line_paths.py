@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Shortest paths along the target's edges that follow lines of the source.
 
-The target is mapped onto the source to measure distances from a line there. A step of a path costs its length, or that
-of the line between its ends if this is longer; then the difference is added again, so that no path skips from one reach
-of a line to another. The cost grows with the distance from the line.
+The target is mapped onto the source to measure distances from a line there. A step of a path costs its length, or the
+length of the line between its ends if that is longer. In the second case the difference is added once again, so that no
+path skips from one reach of a line to another. The cost grows with the distance from the line.
 """
 
 from __future__ import annotations

@@ -9,8 +9,8 @@ Botsch and Kobbelt, An intuitive framework for real-time freeform modeling, 2004
 
 where L is the stiffness, A the areas, q the closest points with similar normals, and P weighs distances along the
 surface less than those across it (Chen and Medioni 1992). Normals distinguish lips and lids whose surfaces face
-each other. The closest points slide along the rims of lids and lips, which are therefore also attracted by the rims of
-the same eye and mouth of the target, as far as these are seen from the front.
+each other. Closest points slide along the rims of lids and lips. These rims are therefore also attracted by those of
+the target's eye or mouth, as far as they are visible from the front.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class FaceRegistrationTuning(Tuning, set_by="faces"):
 
     Attributes:
         bending: factor of the bending energy in each round: features above about 8 mm align first, those above 2 mm
-            last. With three rounds each of 1e-6, 1e-7 and 1e-9, errors of keys are alike, and on a voxel skin with
+            last. With three rounds each of 1e-6, 1e-7 and 1e-9, errors of keys are the same, but on a voxel skin with
             closed lips three times as many edges are torn.
         first_bending: factor of the bending energy of the deformation that the map implies: it smooths the map's
             errors over 1 cm.
@@ -70,13 +70,13 @@ NORMAL_WEIGHT = 0.2  # distance that counts as much as a unit difference of norm
 COMPATIBLE = 0.3  # smallest cosine between normals of partners
 OUTLIER = 6.0  # scale of robust weights, in medians of the distances
 SOLVED = 1e-3  # share of the first residual at which conjugate gradients end
-# The eyes are around what moves by more than the first share of the most in a blink: lids correspond less well around
-# the mean of all that moves, as in `face_landmarks`. Vertices within the second distance, relative to that between the
-# eyes, tell where an eye is on the target.
+# The centre of an eye is that of the vertices whose motion in a blink exceeds the first share of the largest one.
+# Around the mean of all moving vertices, as in `face_landmarks`, lids correspond less well. Vertices within the second
+# distance, relative to that between the eyes, tell where an eye is on the target.
 LID, NEAR_EYE, NEAR_MOUTH = 0.5, 0.25, 0.25
 MARGIN = 0.1  # around what the keys move: the face is registered along with its surroundings
-# A face of fewer vertices has no details to register, and images farther from the target or from those of the map than
-# this are wrong.
+# A face with fewer vertices has no details to register. Images farther than this from the target, or from those of the
+# map, are wrong.
 MIN_VERTICES, NEAR, MAX_CHANGE = 500, 0.01, 0.1
 # Share of the face's area that must be registered; otherwise target and source differ too much, and the map remains.
 MIN_REGISTERED = 0.8

@@ -12,8 +12,8 @@ from zoomout_core.arrays import Floats, Integers
 from zoomout_core.transfer.keys.head_directions import HeadDirections
 from zoomout_core.transfer.pixels import INSIDE, pixels_near
 
-# Height of an image relative to its width: keys of both eyes that close the same ones place them on each other, which
-# would make the image as narrow as they are apart.
+# Minimum height of an image relative to its width. If the keys of both eyes close the same eye, both centres coincide,
+# and the image would be as narrow as the distance between them.
 MAX_HEIGHT = 20
 
 

@@ -2,9 +2,9 @@
 """The line where the lips meet, seen from the front, and how the lips of two faces correspond.
 
 Seen from the front, the depth of a skin has a valley between the lips, whether they touch or not, and whatever is
-behind them. Its bottom is found in all columns of the image together, by dynamic programming (Amini et al., Using
-dynamic programming for solving variational problems in vision, 1990). Up to the corners of the mouth it is a crease;
-beyond them it is rounded, so that it vanishes if it is compared with its surroundings of a few millimetres only.
+behind them. Its bottom is found in all columns of the image at once by dynamic programming: Amini et al., Using dynamic
+programming for solving variational problems in vision (1990). It is a crease up to the corners of the mouth. Beyond
+them it is rounded, and vanishes in a comparison with its surroundings of a few millimetres.
 """
 
 from __future__ import annotations

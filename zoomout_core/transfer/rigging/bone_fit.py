@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Fit the bone transforms that take a surface from the rest pose to a pose, given its skin weights.
 
-A least squares problem, as in the smooth skinning decomposition of Le and Deng (2012): a weighted Procrustes fit of
-each bone first, then Gauss-Newton steps for all bones together. A step only needs the moments of pairs of bones. Images
-that may slide along a surface are fitted along its normals (point to plane: Chen and Medioni 1992), with the steps for
-articulated bodies of Pekelny and Gotsman (2008).
+A least squares problem, as in the smooth skinning decomposition of Le and Deng (2012). Each bone is first fitted by
+weighted Procrustes analysis, then Gauss-Newton steps fit all bones together. A step only needs the moments of pairs of
+bones. Images that may slide along a surface are fitted along its normals (point to plane: Chen and Medioni 1992), with
+the steps for articulated bodies of Pekelny and Gotsman (2008).
 """
 
 from __future__ import annotations
@@ -37,8 +37,8 @@ class BoneTuning(Tuning, set_by="binding"):
         coherence: weight of a bone's agreement with the bone that it shares most vertices with; bones with less area or
             trust follow that neighbour.
         of_others: the same if the points are of another body, whose proportions would else bend and shift bones. With
-            1, game animals at rest end a fifth closer to their own rest shape, but people in strong poses half as far
-            again from it.
+            1, game animals at rest end a fifth closer to their own rest shape, but people in strong poses half again as
+            far from it.
         radius: distance at which a difference of two rotations is converted to a distance of points.
         rounds: number of rounds of robust weights.
         steps: Gauss-Newton steps of a round.
@@ -145,10 +145,10 @@ def refine_pose(
 class _Fit:
     """The least squares problem of images y of points x by bones of weights w: sum of c |y - sum of w T x|^2.
 
-    With x~ = (x, 1) and transforms T (3, 4) it consists of the moments S of pairs of bones, sums of c w w' x~ x~^T, and
-    C of single ones, sums of c w y x~^T. Points and images are centred, in units of the points' extent. Images are also
-    divided by the common scale, so that the regularisation does not depend on it. Only bones that move something are
-    included.
+    With x~ = (x, 1) and transforms T (3, 4), it consists of moments: S for pairs of bones, the sums of c w w' x~ x~^T,
+    and C for single bones, the sums of c w y x~^T. Points and images are centred, in units of the points' extent.
+    Images are also divided by the common scale, so that the regularisation does not depend on it. Only bones that move
+    something are included.
     """
 
     def __init__(

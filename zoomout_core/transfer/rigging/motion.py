@@ -24,8 +24,8 @@ from zoomout_core.transfer.rigging.skinning import normalise
 
 # The hips are the first joint from the root that carries this share of the skin, above this share of the height.
 CARRIED, HIGH = 0.5, 0.25
-# Lengths relative to the legs: points of the source that stand on the ground are this close to it; points that touch
-# are this close in a pose, and at least so far apart at rest.
+# Lengths relative to the legs: maximum distance of the source's standing points from the ground, maximum distance of
+# touching points in a pose, and their minimum distance at rest.
 ON_GROUND, TOUCHING, FAR = 0.03, 0.06, 0.3
 # Largest number of vertices of the target that are compared, and of those between which distances are measured.
 MAX_POINTS, MAX_TOUCHING = 50_000, 1500
