@@ -101,8 +101,8 @@ class KeyDrivers:
                 self.remarks.add(
                     [
                         warning(
-                            "At rest, bones of '{armature}' that drive shape keys point or roll otherwise than those "
-                            "of the source ({bones}): check at which angles these keys act.",
+                            "At rest, bones of '{armature}' that drive shape keys have other directions or rolls "
+                            "than those of the source ({bones}): check at which angles these keys act.",
                             armature=there.name,
                             bones=", ".join(rigs.turned),
                         )

@@ -133,8 +133,8 @@ def _warn_of_foreign_groups(request: TransferRequest, deforming: set[str], remar
     if foreign:
         remarks.notes.append(
             warning(
-                "The armature of '{target}' has no bones of {count} vertex groups, such as '{group}', which will not "
-                "move in the mask: rename them with Rename Groups, or transfer without Vertex Groups.",
+                "The armature of '{target}' has no bones for {count} vertex groups, such as '{group}', so they will "
+                "not move within the mask: rename them with Rename Groups, or transfer without Vertex Groups.",
                 target=request.target.name,
                 count=len(foreign),
                 group=foreign[0],

@@ -147,9 +147,9 @@ def _add_faces(parser: argparse.ArgumentParser) -> None:
     """Add options of a transfer of expression keys."""
     parser.description = (
         "Transfer the shape keys of the visible meshes in the file SOURCE to those in the file TARGET, as `carry` "
-        "does, and draw each key at full strength on both heads side by side, at rest and without modifiers. Red "
-        "are edges that stretch much more than on the source, and faces that intersect others, unlike at rest and on "
-        "the source."
+        "does, and draw each key at full strength on both heads side by side, at rest and without modifiers. Edges "
+        "that stretch much more than on the source are red, and so are faces that intersect others although they do "
+        "not at rest or on the source."
     )
     _add_two_files(parser)
     parser.add_argument("--sheet", required=True, metavar="SHEET.png", help="picture to write, a tile for each key")
@@ -174,8 +174,10 @@ def _add_outfits(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="PATTERN",
-        help="name of objects or materials of bodies, such as 'Body*'; may be repeated; by default, words in their "
-        "names tell",
+        help=(
+            "name of objects or materials of bodies, such as 'Body*'; may be repeated; by default, bodies are "
+            "recognized by words in their names"
+        ),
     )
     parser.add_argument("--format", choices=("blend", "fbx", "glb"), help="format to write, if not that of the avatar")
     parser.add_argument("--restart", action="store_true", help="compute everything again")
@@ -204,8 +206,9 @@ def _add_surface(parser: argparse.ArgumentParser) -> None:
 def _add_assets(parser: argparse.ArgumentParser) -> None:
     """Add options of reading the assets of a file."""
     parser.description = (
-        "Write each collection and mesh object of a .blend file that is marked for the Asset Browser as a PLY file, "
-        "with modifiers, in world space; and all visible meshes of a file that is not mostly marked as one."
+        "Write each collection and mesh object that is marked for the Asset Browser in a .blend file as a PLY file, "
+        "with modifiers, in world space. If most of the file is not marked, all of its visible meshes are also "
+        "written as one PLY file."
     )
     parser.add_argument("file", metavar="FILE", help="file, as for `carry`")
     parser.add_argument("--folder", required=True, metavar="FOLDER", help="folder to write the surfaces to")

@@ -81,8 +81,8 @@ class ZOOMOUT_OT_append_source(Operator):
     bl_idname = "zoomout.append_source"
     bl_label = "Append Source"
     bl_description = (
-        "Append the objects of this file, and use its largest mesh as the source. A file that fits only a part better "
-        "also sets Mask to the vertex groups of that part, so that the next transfer keeps the rest"
+        "Append the objects of this file, and use its largest mesh as the source. If the file fits only a part "
+        "better, Mask is set to the vertex groups of that part, so that the next transfer keeps the rest"
     )
     bl_options = {"REGISTER", "UNDO"}
 

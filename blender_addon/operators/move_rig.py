@@ -19,9 +19,9 @@ class ZOOMOUT_OT_move_rig(SourceName, MatchOptions, BlendOptions, BindOptions, M
     bl_idname = "zoomout.move_rig"
     bl_label = "Move Rig"
     bl_description = (
-        "For meshes of another build: copy the source's armature, move its bones into the body of the active mesh, and "
-        "bind the mesh to the copy with the source's vertex groups; the same for the other selected meshes. Meshes "
-        "keep their place and size, and are matched first if necessary"
+        "Copy the source's armature, move its bones into the body of the active mesh, and bind the mesh to the copy "
+        "with the source's vertex groups. Does the same for the other selected meshes. For meshes of another build: "
+        "they keep their place and size, and are matched first if necessary"
     )
     bl_options = {"REGISTER", "UNDO"}
 

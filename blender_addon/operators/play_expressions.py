@@ -23,8 +23,9 @@ class ZOOMOUT_OT_play_expressions(PlayOperator):
     bl_label = "Play Expressions"
     bl_description = (
         "Play the shape keys of the active mesh, and of the source that it was matched with, at half and at full "
-        "strength. Red: edges that stretch far more than on the source, and faces that go through others, such as "
-        "lips through teeth, unlike at rest and on the source. The arrow keys go to other keys; a click or ESC ends it "
+        "strength. Red: edges that stretch far more than on the source, and faces that intersect others although "
+        "they do not at rest or on the source, such as lips and teeth. The arrow keys go to other keys; a click or "
+        "ESC ends it "
         "and restores the values"
     )
     bl_options = {"REGISTER"}

@@ -71,8 +71,8 @@ class ZOOMOUT_OT_select_stretched(ModalOperator):
     bl_idname = "zoomout.select_stretched"
     bl_label = "Select Stretched"
     bl_description = (
-        "Select the vertices of the active mesh that stretch far more than the source does when the bones of its rig "
-        "turn, to check their weights in Edit Mode or Weight Paint"
+        "Select the vertices of the active mesh that stretch far more than the source when the bones of its rig "
+        "rotate, to check their weights in Edit Mode or Weight Paint"
     )
     bl_options = {"REGISTER", "UNDO"}
 

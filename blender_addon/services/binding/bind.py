@@ -199,8 +199,8 @@ def _note_on_constraints(armature: Object) -> list[Message]:
         return []
     return [
         warning(
-            "Child Of constraints of {count} bones have an inverse of the old rest position, such as that of '{bone}': "
-            "set it again on the copy.",
+            "Child Of constraints of {count} bones, such as '{bone}', have the inverse of the old rest position: use "
+            "Set Inverse on the copy.",
             count=len(names),
             bone=names[0],
         )
@@ -232,14 +232,15 @@ def _check_weights(
         weights.smooth(target, checked.smoothed, job.settings.limit)
         notes.append(
             message(
-                "The weights of {count:,} vertices would have torn the mesh when bones turn: they were smoothed.",
+                "The weights of {count:,} vertices would have torn the mesh when bones rotate, and were smoothed.",
                 count=int(checked.smoothed.sum()),
             )
         )
     if checked.stretched.any():
         notes.append(
             warning(
-                "{count:,} vertices stretch far more than on the source when bones turn: Select Stretched shows them.",
+                "{count:,} vertices stretch far more than on the source when bones rotate: Select Stretched shows "
+                "them.",
                 count=int(checked.stretched.sum()),
             )
         )

@@ -70,8 +70,8 @@ def _note_on_bends(turned: Mapping[str, float]) -> list[Message]:
     worst = max(turned, key=lambda name: turned[name])
     return [
         warning(
-            "At rest, constraints turn {count} deforming bones of the copy, '{bone}' by {angle:.0f}°: move control "
-            "bones that no longer fit in Edit Mode.",
+            "At rest, constraints rotate {count} deform bones of the copy, such as '{bone}' by {angle:.0f}°: in Edit "
+            "Mode, move the control bones that no longer fit.",
             count=len(turned),
             bone=worst,
             angle=turned[worst],

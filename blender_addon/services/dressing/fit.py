@@ -186,7 +186,8 @@ def notes_on_stretch(worn: Sequence[Worn], dressed: Dressed) -> list[Message]:
     """A sentence for each copy that is stretched somewhere."""
     return [
         warning(
-            "{count:,} vertices of '{name}' are stretched far more than the body, as where limbs touch: check these.",
+            "{count:,} vertices of '{name}' stretch far more than the body, for example where limbs touch: check "
+            "these.",
             count=int(stretched.sum()),
             name=each.name,
         )
