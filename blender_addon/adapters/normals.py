@@ -15,9 +15,10 @@ from zoomout_core.transfer import Attribute
 from .. import mesh_data
 from .adapter import Adapter, Remarks, TransferJob, TransferRequest
 
-# Vertices of the target on each face of the source, from which on the source's facets would show as streaks. A closed
-# triangle mesh has half as many vertices as faces, so eight faces lie on each: the facets of the target itself, whose
-# angles shrink with the square root of the number of faces, are about a third of the source's.
+# Number of target vertices per face of the source above which the source's facets would show as streaks. A closed
+# triangle mesh has half as many vertices as faces, so there are eight target faces per source face. The angles between
+# facets shrink with the square root of the number of faces, so those of the target itself are about a third of the
+# source's.
 MUCH_FINER = 4
 
 

@@ -111,7 +111,7 @@ def _run(command_line: Sequence[str]) -> int:
             if command not in WRITING:
                 save_scene(options.save, [] if options.in_place else _inputs(options))
             report["saved"] = options.save
-    except (ValueError, OSError, RuntimeError) as error:  # Blender raises the last, as for a full disk
+    except (ValueError, OSError, RuntimeError) as error:  # Blender raises the last, such as on a full disk
         report["error"] = str(error)
         failed = [report["error"]]
     report[done] = {name: _with_warnings(entry) for name, entry in report[done].items()}

@@ -328,7 +328,7 @@ def _number(kind: type, least: float | None, most: float | None) -> Callable[[st
             raise argparse.ArgumentTypeError(f"{text} is more than {most:g}")
         return number
 
-    read.__name__ = kind.__name__  # argparse uses it in the error where a text is no number
+    read.__name__ = kind.__name__  # argparse uses it in the error where a text is not a number
     return read
 
 

@@ -430,7 +430,7 @@ def test_adjusting_reuses_the_computed_match(source, target, monkeypatch):
     report = jobs.run(adjusted())()
     assert report["source"] == "Source"
     np.testing.assert_array_equal(values(target.data, "zoomout_confidence"), confidence)
-    # It is no map of other meshes.
+    # It is not a map of other meshes.
     target.data.attributes.remove(target.data.attributes["zoomout_triangle"])
     target.data.vertices[0].co.x += 0.1
     bpy.context.view_layer.update()

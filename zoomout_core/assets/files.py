@@ -88,8 +88,8 @@ def check_avatar(base: Asset, path: str | PathLike[str]) -> None:
     """
     if Path(path).suffix.lower() == AVATAR and not is_avatar(base.document):
         raise MeshError(
-            f"{path} would be no avatar, because its joints are not those of a VRM file: leave out the skin weights if "
-            "the target is an avatar, or write a .glb file."
+            f"{path} would not be an avatar, because its joints are not those of a VRM file: leave out the skin "
+            "weights if the target is an avatar, or write a .glb file."
         )
 
 
@@ -148,7 +148,7 @@ def write_asset(
         compression: "draco" or "meshopt", for glTF, see `compress_gltf`.
 
     Raises:
-        MeshError: files with this extension cannot be written or compressed, or a .vrm file would be no avatar.
+        MeshError: files with this extension cannot be written or compressed, or a .vrm file would not be an avatar.
         ImportError: a package that writes or compresses this format is not installed.
         OutputError: it cannot be written, or would replace an input; all earlier files are unchanged.
         TypeError: it is no Asset.

@@ -49,7 +49,7 @@ ASIDE = 0.01
 def complete_levels(
     asset: Asset, given: Mapping[str, Asset], max_weights: int | None = None, keep_uv: bool = False
 ) -> dict[str, Level]:
-    """Give the data of an asset to meshes that are to be its levels of detail, made by hand.
+    """Transfer the data of an asset to its levels of detail, which were made by hand.
 
     Their vertices and faces stay as they are. Each vertex receives the data of the closest point of the asset that is
     on the same side. The weights are fitted to the asset in poses.

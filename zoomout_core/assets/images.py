@@ -41,7 +41,7 @@ TEXTURE_EXTENSIONS = ("EXT_texture_webp", "EXT_texture_avif", "KHR_texture_basis
 
 
 def image_type(content: bytes) -> ImageType | None:
-    """The type of an image by its file content; None if it is no image of a known type."""
+    """The type of an image by its file content; None if it is not an image of a known type."""
     if content[:4] == b"RIFF" and content[8:12] == b"WEBP":
         return WEBP
     if content[4:12] in (b"ftypavif", b"ftypavis"):

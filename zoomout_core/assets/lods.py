@@ -139,7 +139,7 @@ def _simplify(source: Asset, poses: Poses, ratios: Sequence[float]) -> list[tupl
     rest = surface.vertices[first]
     corners = surface.triangle_corners
     textures = sorted((each for each in source.attributes if each.name.startswith(UV)), key=lambda each: each.name)
-    layers = [surface.triangles]  # vertices in one place, as of two meshes, or with other weights
+    layers = [surface.triangles]  # vertices in one place, such as of two meshes, or with other weights
     materials = source.find(MATERIALS)
     if materials is not None:
         number = np.asarray(materials.values)[surface.triangle_face]

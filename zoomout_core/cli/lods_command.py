@@ -144,7 +144,7 @@ def _read_ratios(text: str) -> list[float]:
     """The shares of an option.
 
     Raises:
-        OptionError: they are no numbers.
+        OptionError: they are not numbers.
     """
     try:
         return [float(part) for part in text.split(",")]

@@ -91,7 +91,7 @@ class CollectionResult:
         )
 
     def trust(self, pair: PairName) -> float:
-        """How far to trust a pair's map as a whole, in [0, 1], from its certainty and the cycles around it."""
+        """Trust in a pair's map as a whole, in [0, 1], from its certainty and the cycles around it."""
         certainty, agreement = self.records[pair].certainty, self.agreement
         if agreement is None or pair not in agreement.after:
             return certainty

@@ -21,8 +21,8 @@ from zoomout_core.runtime.threads import threads
 BLOCK = 1 << 17
 # Most triangles tested for a query, to bound the time: with more rivals it is as far off the surface as these are wide.
 MAX_CANDIDATES = 256
-# Triangles at a vertex from which on it is the hub of a fan, such as the tip of a cone. What surrounds it surrounds
-# all vertices of the fan, so that lists of surroundings through hubs would grow by the square of its size.
+# Number of triangles at a vertex above which it is the hub of a fan, such as the tip of a cone. What surrounds it
+# surrounds all vertices of the fan, so that lists of surroundings through hubs would grow by the square of its size.
 HUB = 256
 # Minimum number of queries for which several threads are faster than one.
 MANY_QUERIES = 10_000

@@ -175,7 +175,7 @@ def _attempt(
 def _analyse(
     body: Bodies, options: MatchOptions, ahead: tuple[Callable[[ShapeAnalysis], object], ...]
 ) -> tuple[ShapeAnalysis, ShapeAnalysis]:
-    """The analyses of two bodies, with further computations on each that are to be done ahead."""
+    """The analyses of two bodies, and further computations on each that are done ahead."""
     size = options.k_final, options.samples, options.seed, options.proxy_vertices, ahead
     return side_by_side(lambda: prepare_shape(body.source, *size), lambda: prepare_shape(body.target, *size))
 

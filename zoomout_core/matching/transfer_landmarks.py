@@ -52,7 +52,7 @@ class LandmarkTransferTuning(Tuning, set_by="specimens"):
 
 
 LANDMARK_TRANSFER = LandmarkTransferTuning()
-# Rounding of the estimates of an error, at unit area, below which they do not tell landmarks apart.
+# Rounding of the estimates of an error, at unit area; smaller differences do not distinguish landmarks.
 EXACT = 3e-4
 # Smallest support of a place by its surroundings, so that errors stay finite.
 MIN_SUPPORT = 0.05
@@ -170,7 +170,7 @@ def _expected_errors(warped: Warp, known: Correspondences, feet: Floats, cycle: 
         warped: the warp of the source.
         known: the map's correspondences.
         feet: (q, 3) the landmarks on the source.
-        cycle: (q,) by how much the warp back misses them.
+        cycle: (q,) distance by which the warp back misses them.
         agreement: (q,) cosines of the warped source's normals and the target's.
     """
     by_stiffness = np.linalg.norm(warped.fit.deform(feet) - warped.stiffer.deform(feet), axis=1)

@@ -219,7 +219,7 @@ class _State:
         self._unpair(edges.ends[uneven].ravel())
 
     def _unpair(self, vertices: Integers) -> None:
-        """Treat vertices, of which -1 is none, and their mirror images independently from now on."""
+        """Treat vertices and their mirror images independently from now on; -1 is ignored."""
         assert self.mirror is not None
         vertices = vertices[vertices >= 0]
         images = self.mirror[vertices]

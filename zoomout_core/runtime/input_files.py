@@ -97,7 +97,7 @@ def beside(name: str, folder: Path, folders: Iterable[str | os.PathLike[str]] = 
 
 
 def reason_of(error: Exception) -> str:
-    """Why a file cannot be read, as a part of a sentence; errors of libraries speak of their own insides."""
+    """Why a file cannot be read, as a part of a sentence; errors of libraries describe their own internals."""
     return str(error) if isinstance(error, FormatError) else "its content is damaged, or of another format"
 
 

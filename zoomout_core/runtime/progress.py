@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Ambient progress: a computation reports how far it is, and whoever listens may cancel it.
+"""Ambient progress: a computation reports its progress, and any listener may cancel it.
 
 The current reporter is a context variable, so no function has to pass it on. Threads of the core run in a copy of the
 context (`runtime/threads.py`).

@@ -176,7 +176,7 @@ def signature_bands(basis: SpectralBasis, count: int, k: int) -> Floats:
 
 
 def unit_columns(functions: Floats, norms: Floats) -> Floats:
-    """Divide functions (n, d) by their norms (d,); functions of rounding errors, as on a sphere, become zero."""
+    """Divide functions (n, d) by their norms (d,); rounding errors, such as on a sphere, become zero."""
     return np.divide(functions, norms, out=np.zeros_like(functions), where=norms > NOTHING)
 
 

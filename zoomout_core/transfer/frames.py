@@ -73,7 +73,7 @@ MAX_RELATIVE_GROWTH = 4.0
 # between shapes that face the same way, of the logarithm of the ratio of similar sizes, and of the deviation of a copy.
 OTHER_DIRECTION = OTHER_SIZE = 1.5
 OTHER_SHAPE = 2.0
-# A wide neighbourhood counts in full up to this share of the deviation from which on it does not count.
+# A wide neighbourhood counts in full up to this share of the deviation above which it is ignored.
 FULL_SHARE = 2 / 3
 
 

@@ -34,7 +34,7 @@ class PlayOperator(Operator):
         raise NotImplementedError
 
     def start(self, context: Context) -> int:
-        """Remember what is to be restored; returns the number of parts.
+        """Store the state to restore; returns the number of parts.
 
         Raises:
             MeshError: nothing can be played.

@@ -67,11 +67,11 @@ class _Change:
     reduced: list[str] = field(default_factory=list)
 
     def meshes(self, number: Any) -> list[int]:
-        """The meshes that a mesh became; none if the value is no number of a mesh."""
+        """The meshes that a mesh became; none if the value is not a number of a mesh."""
         return self.renumbering.meshes.get(number, []) if isinstance(number, int) else []
 
     def nodes(self, number: Any) -> list[int]:
-        """The node that has the mesh of a node now; none if the value is no number of such a node."""
+        """The node that has the mesh of a node now; none if the value is not a number of such a node."""
         nodes = self.renumbering.nodes
         return [nodes[number]] if isinstance(number, int) and number in nodes else []
 

@@ -24,7 +24,8 @@ from zoomout_core.tuning import Tuning, tuned
 class BodyTuning(Tuning, set_by="characters"):
     """Which bodies to try, by the part of the hull that the main part covers."""
 
-    # From this coverage on, only the main part is matched, because a hull adds nothing, as for a body without its eyes.
+    # From this coverage on, only the main part is matched, because a hull adds nothing, such as to a body without its
+    # eyes.
     all_of_body: float = tuned(0.98, "1", 0, 1)
     whole_body: float = tuned(0.9, "1", 0, 1)  # from this coverage on, the main part is tried first
     # If the main parts' shares of the two outsides differ by more than this, one surface shows hair, shoes or glasses

@@ -249,7 +249,7 @@ def _onto(
 
 
 def _onto_all(parts: Sequence[Part], source: Side) -> list[Image]:
-    """The closest points of all loose parts of the source together, of those parts that lie there."""
+    """The closest points of all loose parts of the source together that are there."""
     if not parts:
         return []
     triangles = np.flatnonzero(source.loose[source.mesh.triangles[:, 0]])
@@ -267,7 +267,7 @@ def _onto_all(parts: Sequence[Part], source: Side) -> list[Image]:
 
 
 def _fits(part: Part, residual: Floats) -> bool:
-    """Whether a part lies where its image is, distances (n,) away."""
+    """Whether a part coincides with its image, which is at distances (n,)."""
     return float(np.sqrt(part.weights @ residual**2)) <= SAME_PLACE_DISTANCE * (part.size + BODY_MAP_ERROR)
 
 

@@ -106,7 +106,7 @@ def find_fused(
 ) -> dict[int, FusedPart]:
     """Those of the source's parts, by number, that are fused with the target's body.
 
-    The images (b, 3) of the body's vertices lie on the source's body, and its motion follows from them.
+    The images (b, 3) of the body's vertices are on the source's body, and determine its motion.
     """
     if not parts:
         return {}
@@ -193,7 +193,7 @@ def _find_part(
 
 
 def _register(ours: _Cloud, theirs: _Cloud, part: _Cloud, images: Floats, handedness: float) -> Similarities:
-    """Move points of the target, whose images (n, 3) lie on the source's body, onto its body and its part."""
+    """Move points of the target, whose images (n, 3) are on the source's body, onto its body and its part."""
     weights = np.ones(len(images))
     for _ in range(MAP_ROUNDS):
         motion = procrustes(ours.points, images, weights, handedness)

@@ -42,7 +42,7 @@ def hull_of(surface: Surface, tight: bool = False) -> WorkingMesh:
     """One closed hull around a surface; `vertex_of` is the hull's vertex nearest to each of the surface's.
 
     Its grid is aligned with the surface's principal axes, so that it turns with the surface. A tight hull has a finer
-    grid and lies a little below the surface: it separates limbs that touch, and loses thin parts.
+    grid and is slightly below the surface: it separates limbs that touch, and loses thin parts.
     """
     mesh = surface.working
     axes = _principal_axes(mesh)

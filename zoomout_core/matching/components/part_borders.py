@@ -53,7 +53,7 @@ def straighten_borders(
 
     Args:
         triangle: (n,) the triangle of the source that each vertex of the target maps to.
-        distance: (n,) how far the vertex is from it, moved to the source by the body's map.
+        distance: (n,) distance of the vertex from it, after it is moved to the source by the body's map.
         movable: (n,) which vertices may map to another place.
         motions: of the parts.
         surface: the triangles of the source that they may map to, grouped by part.

@@ -57,7 +57,7 @@ PART_MOTIONS = PartMotionTuning()
 
 @dataclass(frozen=True, eq=False)
 class PartMotions:
-    """Where the vertices of a target lie on the source, by the part that they belong to."""
+    """Places of a target's vertices on the source, by the part that they belong to."""
 
     target: Side
     points: Floats  # (n, 3) by the body's map

@@ -42,7 +42,7 @@ class ShellImageTuning(Tuning, set_by="characters"):
     inner_reach: float = tuned(0.05, "at unit area", 0, 1)  # distance up to which inner vertices map to inner parts
     # Vertices that are nearer than this to a triangle are on it, whichever side of it is outside.
     lies_on: float = tuned(0.004, "at unit area", 0, 1)
-    flush: float = tuned(0.015, "at unit area", 0, 1)  # a shell lies on its partner if half of it is nearer
+    flush: float = tuned(0.015, "at unit area", 0, 1)  # a shell coincides with its partner if half of it is nearer
 
 
 SHELL_IMAGES = ShellImageTuning()
@@ -176,7 +176,7 @@ def map_onto_partner(
     partner: int,  # number of its partner
     similarity: Similarities,  # that registers the one with the other
     scale: float,  # of the body against the source's, by which lengths should change
-    stays: bool,  # whether the body stays in place, and with it a shell that lies on its partner there
+    stays: bool,  # whether the body stays in place, and with it a shell that coincides with its partner there
     normals: Floats,  # (n, 3) of all vertices of the target, where the body's map turns them
     shells: OrientedSurface,  # of the source
     source: Side,  # that they are shells of

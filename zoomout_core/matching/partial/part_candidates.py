@@ -104,7 +104,7 @@ def part_candidates(
 
 
 def _by_fit(candidates: Sequence[PartCandidate], upright: bool = False) -> list[PartCandidate]:
-    """Candidates by their fit, and by how far they turn what is up if that is evidence."""
+    """Candidates by their fit, and by the rotation of the up axis if that is evidence."""
 
     def cost(one: PartCandidate) -> float:
         return one.scores["fit"] + (EVIDENCE_WEIGHTS[UPRIGHT] * one.scores[UPRIGHT] if upright else 0.0)

@@ -151,7 +151,7 @@ def _refine(rotation: Floats, shift: Floats, here: _Places, there: _Places, tree
 
 
 def _rank(placed: _Places, there: _Places, tree: cKDTree) -> tuple[float, Integers]:
-    """How little speaks for placed places, and (d_p,) the nearest places of the whole.
+    """The cost of placed places, and (d_p,) the nearest places of the whole.
 
     Places of a fragment that are not near the other one must be beyond one of its cuts. The score combines, in both
     directions, the overlapping share of the remaining area and the overlapping area itself.

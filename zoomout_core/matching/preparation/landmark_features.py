@@ -42,7 +42,7 @@ class LandmarkFeatures:
     vertices: Integers  # (m,) of the shape's mesh
     distances: Floats  # (n, m) smoothed geodesic distances to them, at unit area
     # (n, t, t) pseudo-scalars of the distances of each two of the first t vertices, all or some, of unit deviation,
-    # antisymmetric: the sense in which the two places lie around a point, as seen from outside.
+    # antisymmetric: the sense in which the two places follow each other around a point, as seen from outside.
     turns: Floats
 
     def at(self, rows: Integers) -> LandmarkFeatures:

@@ -160,7 +160,7 @@ def rank(
     disagreement: Disagreement = no_disagreement,
     # Numbers of maps to compare that keep the orientation, and that reverse it; tuned numbers by default.
     quotas: tuple[Quota, Quota] | None = None,
-    # Disagreement of normals from which on a map is a mirror image; the tuned number by default.
+    # Disagreement of normals above which a map is a mirror image; the tuned number by default.
     clear_orientation: float | None = None,
     # Whether to compare a map, by (s_t,) the number of the source sample of each search sample, and whether it reverses
     # the orientation.
@@ -191,7 +191,7 @@ def rank(
 def sort_by_certainty(candidates: list[Candidate], source: ShapeAnalysis, target: ShapeAnalysis) -> list[Candidate]:
     """Candidates with their certainty, the most likely first.
 
-    Mirror images come last and rival only each other, unless the sides are unknown, as for a cloth.
+    Mirror images come last and rival only each other, unless the sides are unknown, such as those of a cloth.
     """
     apart = sides_are_known(source, target)
     sides = [[one for one in candidates if one.mirrored == side] for side in (False, True)] if apart else [candidates]
@@ -244,7 +244,8 @@ def are_rivals(one: Candidate, other: Candidate, source: ShapeAnalysis, target: 
 def _differences(
     one: Candidate, other: Candidate, source: ShapeAnalysis, target: ShapeAnalysis
 ) -> tuple[Floats, Floats]:
-    """(p,) the area around each of some places of the target, and (p,) how far apart two candidates map it.
+    """(p,) the area around each of some places of the target, and (p,) the distance between its images by two
+    candidates.
 
     These are the mesh's vertices if both maps are finished, search samples otherwise.
     """

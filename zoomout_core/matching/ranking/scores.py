@@ -178,9 +178,9 @@ def total_score(scores: dict[str, float]) -> float:
     - Commutativity and frequency: the best single criteria. They do not detect a human turned front to back.
     - Distance and curvature complement them with smaller weights: geodesic distances are independent of the basis, and
       mean curvature distinguishes front from back; its error is one minus the correlation.
-    - Handedness: the correlation itself, not its logarithm, so that noise about zero, as on shapes far from isometric,
-      has little effect. A weight of 1.6 would correct two self-symmetries of humans that are turned front to back, but
-      reduces the margin of right maps of pairs from 0.14 standard deviations to 0.03.
+    - Handedness: the correlation itself, not its logarithm, so that noise about zero, such as on shapes far from
+      isometric, has little effect. A weight of 1.6 would correct two self-symmetries of humans that are turned front to
+      back, but reduces the margin of right maps of pairs from 0.14 standard deviations to 0.03.
     - Place and facing: the fit in space has the largest weights, because it rejects maps that are nearly isometric by
       chance: legs mapped to arms sometimes commute with the Laplacian better than the right map does, but never fit the
       source after alignment. On generated characters this removed the flips that had a high certainty.

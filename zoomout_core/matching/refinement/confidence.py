@@ -16,7 +16,7 @@ from zoomout_core.mesh.triangles import border_edges, triangle_areas
 from zoomout_core.spectral.descriptors import sum_at_vertices
 from zoomout_core.tuning import Tuning, tuned
 
-# A point whose barycentric coordinates at vertices of a border fall short of one by less lies on it.
+# A point whose barycentric coordinates at vertices of a border fall short of one by less is on it.
 ON_BORDER = 1e-2
 
 

@@ -32,7 +32,7 @@ class PinTuning(Tuning, set_by="correspondence"):
 
     max_miss: float = tuned(0.08, "at unit area", 0, 2)  # of the map that pairs two extremities
     max_shortfall: float = tuned(0.5, "at unit area", 0, 10)  # of the other map; farther off is another limb
-    min_shortfall: float = tuned(0.12, "at unit area", 0, 2)  # below it, an extremity counts as reached, as on people
+    min_shortfall: float = tuned(0.12, "at unit area", 0, 2)  # below it, an extremity counts as reached
     # A single one may be a limb that is cut or has another end, on bodies of the same proportions.
     min_limbs: int = tuned(2, "extremities", 1, 30)
     # Width of the Gaussian by which the displacement of a tip decays, in lengths of its limb.

@@ -235,7 +235,7 @@ def _fill_torn(
 
 
 def _fill(images: _Images, filled: Booleans, meshes: _Meshes, beside: Booleans, usual: Floats) -> None:
-    """Replace images of vertices (n,) that are to be filled in by those that distort their patch least, in place.
+    """Replace images of vertices (n,) by the filling that distorts their patch least, in place.
 
     The lengths `usual` (b,) are those of the images of edges `beside` (e,) these vertices if the map is not distorted.
     Patches that are distorted least as they are keep their images, and are no longer among the filled vertices.
@@ -305,7 +305,7 @@ def _torn(length: Floats, own: Floats, limit: float) -> Booleans:
     """(e,) which edges have images that are far too long.
 
     The lengths (e,) are those of the images, in space or along the surface, and `own` (e,) are those on the target. The
-    limit is the ratio from which on they are torn.
+    limit is the ratio above which they are torn.
     """
     return np.asarray((length / np.maximum(own, SMALLEST) > limit) & (length > REPAIR.min_length))
 

@@ -140,7 +140,7 @@ class DeformationGraph:
         return moved
 
     def _stiffness(self, stiffness: float) -> list[_Rows]:
-        """Residuals of neighbouring nodes: of where they put each other, and of their rotations."""
+        """Residuals of neighbouring nodes: of the places that they assign to each other, and of their rotations."""
         first, second = self.nodes.first, self.nodes.second
         places = self.rest[self.nodes.vertex]
         away = np.einsum("eij,ej->ei", self.rotations[first], places[second] - places[first])

@@ -59,7 +59,7 @@ class WarpTuning(Tuning, set_by="specimens"):
 
 
 WARP = WarpTuning()
-# Enough to tell smooth warps from others, and for the way back.
+# Enough to distinguish smooth warps from others, and for the inverse direction.
 ROUGH_WARP = replace(WARP, centres=60, points=4000, residuals=1000, rounds=2)
 # Confidence below which correspondences are left out, if enough remain.
 MIN_CONFIDENCE = 0.2

@@ -58,7 +58,7 @@ class VerdictTuning(Tuning, set_by="everywhere"):
     # (gorillas, and dinosaurs of two species). Two of horses move 16 % of the vertices by more than 0.1. Thirteen right
     # maps of other animals and people tear 1.3 % at most.
     torn_certainty: float = tuned(0.8, "probability", 0, 1)
-    shattered: float = tuned(0.2, "1", 0, 1)  # the part from which on a map is red
+    shattered: float = tuned(0.2, "1", 0, 1)  # maps with a larger part are red
     silent: float = tuned(0.001, "1", 0, 1)  # part of the outside on parts that do not arrive, of an amber map
     doubtful: float = tuned(0.5, "1", 0, 1)  # largest part of the target's area of low confidence of a green map
     alone: float = tuned(0.1, "1", 0, 1)  # largest part of the target's area without a partner of a green map

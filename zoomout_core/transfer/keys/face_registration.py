@@ -72,7 +72,7 @@ OUTLIER = 6.0  # scale of robust weights, in medians of the distances
 SOLVED = 1e-3  # share of the first residual at which conjugate gradients end
 # The centre of an eye is that of the vertices whose motion in a blink exceeds the first share of the largest one.
 # Around the mean of all moving vertices, as in `face_landmarks`, lids correspond less well. Vertices within the second
-# distance, relative to that between the eyes, tell where an eye is on the target.
+# distance, relative to that between the eyes, determine the place of an eye on the target.
 LID, NEAR_EYE, NEAR_MOUTH = 0.5, 0.25, 0.25
 MARGIN = 0.1  # around what the keys move: the face is registered along with its surroundings
 # A face with fewer vertices has no details to register. Images farther than this from the target, or from those of the
@@ -123,7 +123,7 @@ class _Face:
     def of(cls, offsets: Floats, expressions: list[Floats], mapped: MappedTarget) -> _Face | None:
         """The face that keys (n_s, keys, 3) move; None if it is too coarse.
 
-        The expressions (n_s, 3) tell the skin from other parts.
+        The expressions (n_s, 3) distinguish the skin from other parts.
         """
         source, target = mapped.source.working, mapped.target.working
         motion = on_working_mesh(source, np.sqrt(np.einsum("nkx,nkx->nk", offsets, offsets).max(axis=1)))
@@ -217,7 +217,7 @@ class _Face:
     def _match_lids(self, displacement: Floats) -> tuple[Integers, Floats]:
         """The vertices (r,) on the rims of the lids, and their shifts (r, 3) to those of the target.
 
-        A first displacement (n, 3) tells where its eyes are.
+        A first displacement (n, 3) gives the places of its eyes.
         """
         vertices, head = self.mesh.vertices, self.head
         chosen, shifts = [np.empty(0, dtype=np.int64)], [np.empty((0, 3))]
@@ -237,7 +237,7 @@ class _Face:
     def _match_mouth(self, displacement: Floats) -> tuple[Integers, Floats]:
         """The vertices (r,) along the line between the lips, and their shifts (r, 3) to that of the target.
 
-        A first displacement (n, 3) tells where its mouth is.
+        A first displacement (n, 3) gives the place of its mouth.
         """
         vertices, head, triangles = self.mesh.vertices, self.head, self.mesh.triangles
         none = np.empty(0, dtype=np.int64), np.empty((0, 3))

@@ -39,7 +39,8 @@ class Intersections:
         target: the target at rest.
         images: (n_t, 3) the vertices of the source around the image of each vertex of the target; -1 where the map is
             not valid, such as when modifiers change the faces of the source.
-        intersecting_triangles: finds triangles that intersect, as by trees of bounding volumes, which the host has.
+        intersecting_triangles: finds triangles that intersect, such as by trees of bounding volumes, which the host
+            has.
     """
 
     source: Surface

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Lips that are joined on the target, as on scans, so that no key can open its mouth."""
+"""Lips that are joined on the target, such as on scans, so that no key can open its mouth."""
 
 from __future__ import annotations
 

@@ -21,14 +21,14 @@ from zoomout_core.transfer.keys.head_directions import HeadDirections
 HALF_WIDTH, HALF_HEIGHT = 0.55, 0.26  # of the image around a mouth
 SEARCHED = 0.2  # from the middle of the image, upwards and downwards, in which the line is searched
 VALLEY, CREASE = 0.2, 0.03  # heights that are closed in the image: above those of an opening, and of a crease
-OPEN = 0.05  # depth from which on lips are apart
+OPEN = 0.05  # depth above which lips are apart
 SHARP = 0.01  # depth of a crease between lips
 MIDDLE = 0.15  # half the width of the narrowest mouth
 LIP = 0.12  # height of a lip
 RIM = 0.02  # half the height of a rim
 COLUMNS, CENTRE_COLUMNS = 176, 24  # of the image around a mouth, and of the one in which its middle is searched
 BESIDE = 3  # pixels beside the rims, in which the crease is searched
-HOLES = 0.1  # share of the columns with holes in a lip from which on the line is not clear; up to .01 on whole lips
+HOLES = 0.1  # share of the columns with holes in a lip above which the line is unclear; at most .01 on whole lips
 MAX_RATIO = 1.5  # of the widths of the mouths of two persons
 PARTED = 0.3  # share of the largest motion of a jaw by which touching lips are parted
 
@@ -78,7 +78,7 @@ def find_lips(
 def find_mouth_line(vertices: Floats, triangles: Integers, centre: Floats, head: HeadDirections) -> MouthLine | None:
     """The line between the lips around a place (3,) in a skin of vertices (n, 3) and triangles (m, 3).
 
-    None if there is none, as between lips that are joined and level, or if the lips have holes.
+    None if the lips have holes, or no line between them, such as joined and level lips.
     """
     half = HALF_WIDTH * head.size, HALF_HEIGHT * head.size
     view = view_from_front(vertices, triangles, centre, head, half, COLUMNS)

@@ -177,7 +177,7 @@ def _project_at_rest(
 
 
 def _height_of_arcs(surface: Surface) -> float:
-    """The median height of the arcs over the edges of a surface, at unit area: a smooth surface lies that far off."""
+    """The median height of the arcs over the edges of a surface, at unit area: the error of its facets."""
     mesh = surface.working
     edges, _ = unique_edges(mesh.triangles)
     chords, turns = (each[edges[:, 1]] - each[edges[:, 0]] for each in (mesh.vertices, mesh.vertex_normals))

@@ -205,7 +205,7 @@ def mixing_matrix(mapped: MappedTarget) -> Any:
 
 
 def _neighbours(surface: Surface) -> csr_array:
-    """(n, n) which vertices of a surface lie at most an edge apart, where borders that coincide are one."""
+    """(n, n) which vertices of a surface are at most an edge apart, where borders that coincide are one."""
     working = surface.working
     edges, _ = unique_edges(working.triangles)
     count, places = len(surface.vertices), len(working.vertices)
