@@ -53,7 +53,9 @@ def image_type(content: bytes) -> ImageType | None:
 
 
 def _is_targa(content: bytes) -> bool:
-    """Whether content has the header of a Targa image, which begins with no name: its fields are in their ranges."""
+    """Whether content has the header of a Targa image. This format has no signature, so the ranges of its fields are
+    checked.
+    """
     if len(content) < 18:
         return False
     color_map, kind, width, height = content[1], content[2], content[12:14], content[14:16]

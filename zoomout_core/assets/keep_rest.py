@@ -22,7 +22,7 @@ SIMPLE = (
 
 
 def keep_rest(target: Asset, received: Asset, names: Collection[str], part: Blend) -> tuple[Asset, list[str]]:
-    """A target that receives attributes in a part, and keeps its own data elsewhere.
+    """Limit received attributes to a part of a target, which keeps its own data elsewhere.
 
     Args:
         target: the target before the transfer.
@@ -51,7 +51,9 @@ def keep_rest(target: Asset, received: Asset, names: Collection[str], part: Blen
 
 
 def _alike(new: Attribute, own: Attribute, surface: Surface) -> tuple[Attribute, Attribute]:
-    """Two attributes of a name in one format: shape keys with those of both, colours on corners with alpha."""
+    """Convert two attributes of the same name to one format: shape keys with the keys of both, colours on corners with
+    alpha.
+    """
     if new.name == SHAPE_KEYS:
         values = np.zeros_like(new.values)
         values[:, [new.labels.index(label) for label in own.labels]] = own.values

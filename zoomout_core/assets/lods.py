@@ -190,10 +190,9 @@ def _select(asset: Asset, alive: Integers, corners: Integers, content: Integers)
 
 
 def _with_facing_normals(level: Asset, asset: Asset, used: Integers) -> Asset:
-    """A level with, at each corner, the normal nearest to its face's of those that its vertex has in the asset.
-
-    If all of them face another way, the face's own normal is used: such a place would be black. Vertices whose normals
-    face another way in the asset, such as those of foliage, keep them.
+    """Give each corner of a level the normal of its vertex in the asset that is nearest to its face's normal. If all of
+    them face away, the face's normal is used, because the place would be black. Vertices whose normals face away in the
+    asset, such as those of foliage, keep them.
     """
     normals, surface, made = asset.find(NORMALS), asset.surface, level.surface
     if normals is None:

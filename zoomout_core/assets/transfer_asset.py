@@ -150,7 +150,7 @@ def transfer_asset(
 
 
 def place_all(surface: Surface) -> Surface:
-    """A surface with its vertices that are not numbers, which no face uses, at a place among the others."""
+    """A surface whose vertices that are not numbers, and that no face uses, are moved among the others."""
     broken = np.isnan(surface.vertices).any(axis=1)
     if not broken.any():
         return surface
@@ -158,7 +158,7 @@ def place_all(surface: Surface) -> Surface:
 
 
 def select_data(source: Asset, kinds: Collection[str]) -> tuple[list[Attribute], Skin | None]:
-    """The attributes and the skin of an asset that are of some kinds.
+    """Select the attributes and the skin of an asset by kind.
 
     Raises:
         MeshError: there are none.

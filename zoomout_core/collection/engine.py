@@ -52,7 +52,7 @@ class Failure:
 
 
 class _Lost(Failure):
-    """A task that was abandoned with its worker, whether or not it was at fault."""
+    """A task that was abandoned when its worker was lost, perhaps because of another task."""
 
 
 @dataclass(frozen=True)

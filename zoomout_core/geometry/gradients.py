@@ -37,7 +37,7 @@ def gradient_matrices(vertices: Floats, triangles: Integers) -> tuple[csr_array,
 
 
 def divergence_matrices(stiffness: csr_array, steps: Floats) -> tuple[csr_array, csr_array, csr_array]:
-    """(n, n) for each axis: what a component of gradients at vertices (n, 3) adds to their divergence.
+    """(n, n) for each axis: the contribution of a component of gradients at vertices (n, 3) to their divergence.
 
     For each vertex i the sum over its neighbours j of w_ij (g_i + g_j) / 2 s_ij. The w_ij are the weights of the edges
     in the stiffness (n, n). Each of its entries has a step s_ij, a row of (e, 3): the difference v_i - v_j of the

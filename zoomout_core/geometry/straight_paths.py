@@ -97,7 +97,7 @@ def _normalise(weights: Floats) -> Floats:
 
 
 def _turn_to(corners: Integers, first: Integers) -> Integers:
-    """(q, 3) corners in the same cyclic order, from the given one (q,) on."""
+    """(q, 3) corners in the same cyclic order, beginning with the given ones (q,)."""
     return np.take_along_axis(corners, (first[:, None] + np.arange(3)) % 3, axis=1)
 
 

@@ -42,7 +42,7 @@ class ThinPlateBasis:
         self.bending[4:, 4:] = -self._weights.T @ self._distances(centres) @ self._weights
 
     def at(self, points: Floats) -> Floats:
-        """(q, k) values of the functions at points (q, 3): one, the coordinates, then the bent ones."""
+        """(q, k) values of the functions at points (q, 3): the constant, the coordinates, then the distances."""
         return np.hstack([np.ones((len(points), 1)), points, self._distances(points) @ self._weights])
 
     def inverse_distances(self, points: Floats) -> Floats:

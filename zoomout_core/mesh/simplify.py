@@ -152,9 +152,8 @@ class _State:
         return int(np.count_nonzero(np.bincount(self.triangles.ravel())))
 
     def set_lines(self, layers: Sequence[Integers], distance: float) -> None:
-        """Let seams of these layers be lines, and no collapse move vertices farther than a distance.
-
-        Quadrics are summed again, so that lines of other layers no longer count.
+        """Treat seams of these layers as lines, and limit the distance by which collapses move vertices. Quadrics are
+        summed again, without the lines of other layers.
         """
         self.distance, self.wedge = distance, self._combine(layers)
         self.content_wedge = self.wedge if len(layers) else self.layer
@@ -177,7 +176,7 @@ class _State:
         return wedge
 
     def mirror_diagonals(self, layers: Sequence[Integers]) -> None:
-        """Make the mesh as symmetric as its vertices, as edges without a mirror image are never collapsed.
+        """Make the edges as symmetric as the vertices, because edges without a mirror image are never collapsed.
 
         If an image is missing because the quad there is divided along its other diagonal, the longer of the two
         diagonals is flipped. Programs divide quads alike on both sides. Ends of edges that still have no image, or a
@@ -383,7 +382,7 @@ class _State:
         return np.where(other >= 0, np.minimum(vertex, other), vertex)
 
     def _choose(self, among: _Candidates, edges: Edges, around: Lists) -> Integers:
-        """Numbers of cheap collapses that do not touch each other; those that are impossible are noted as such."""
+        """Numbers of cheap collapses that do not touch each other. Impossible ones are marked."""
         tail, head, rank = among.tail, among.head, among.rank
         count = max(int(np.ceil(SHARE * len(tail))), 1)
         which, triangle = around.of(tail[:count])
@@ -447,7 +446,8 @@ class _State:
     def _folds(
         self, tail: Integers, head: Integers, which: Integers, triangle: Integers, normals: Floats, edges: Edges
     ) -> Booleans:
-        """(q,) whether collapses fold triangles onto a neighbour, clearly more than any at the same tail before.
+        """(q,) whether collapses fold triangles onto a neighbour, clearly more than any triangle at the same tail was
+        folded before.
 
         Args:
             tail: (k,) the vertices that are merged.
@@ -474,7 +474,7 @@ class _State:
     def _move_content(
         self, tail: Integers, head: Integers, around: Lists, which: Integers, content: Integers, at_tail: Booleans
     ) -> Integers:
-        """The content (k, 3) of triangles after collapses `which`: across a seam, they keep that of the tail."""
+        """The content (k, 3) of triangles after collapses `which`. Across a seam, they keep the content of the tail."""
         own = (content * at_tail).sum(axis=1)
         goal = self._partners(tail, head, around, self.content, self.content_wedge).find(which, self.content_wedge[own])
         return np.where(at_tail, np.where(goal < 0, own, goal)[:, None], content)

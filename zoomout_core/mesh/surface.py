@@ -159,7 +159,7 @@ class Surface(Summary):
         self._check_rounding()
 
     def _check_rounding(self) -> None:
-        """Reject coordinates whose rounding is larger than an edge: of the shape, nothing is left."""
+        """Reject coordinates whose rounding is larger than an edge, because nothing is left of the shape."""
         if self.rounding_of_edges > 1:
             raise MeshError(
                 "The mesh is so far from its origin that its coordinates are rounded by more than an edge length: move "

@@ -182,7 +182,7 @@ def _round_colors(attributes: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]
 
 
 def _set_bounds(accessor: dict[str, Any], values: NDArray[Any]) -> None:
-    """Let an accessor that has bounds have those of values (count, width)."""
+    """If an accessor has bounds, set them to those of values (count, width)."""
     if "min" in accessor:
         accessor["min"], accessor["max"] = values.min(axis=0).tolist(), values.max(axis=0).tolist()
 

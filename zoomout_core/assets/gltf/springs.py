@@ -92,7 +92,7 @@ def _copy_0(avatar: Tree, given: Tree, nodes: Mapping[int, int], partners: Mappi
 
 
 def _is_above(made: Tree, node: int, other: int) -> bool:
-    """Whether a node is another one, or above it."""
+    """Whether a node is the other one, or an ancestor of it."""
     parents = {child: number for number, each in enumerate(made["nodes"]) for child in each.get("children", ())}
     while other != node and other in parents:
         other = parents[other]
@@ -100,7 +100,7 @@ def _is_above(made: Tree, node: int, other: int) -> bool:
 
 
 def _once(own: Tree, table: str, rows: list[Tree], copy: Callable[[int], Tree | None]) -> Callable[[Any], int | None]:
-    """A function that copies a row of a table when it is first asked for; None for one that is left out."""
+    """A function that copies a row of a table at the first request; it returns None for rows that are left out."""
     known: dict[int, int | None] = {}
 
     def number_of(row: Any) -> int | None:

@@ -85,7 +85,7 @@ def read_shape(path: str | PathLike[str]) -> Surface | PointCloud:
 
 
 def drop_broken_faces(polygons: Polygons) -> tuple[Polygons, Booleans]:
-    """The polygons without those at vertices that are not numbers, if any are left.
+    """Drop polygons at vertices that are not numbers, unless that would be all of them.
 
     Returns:
         The polygons, and (f,) which of the f given ones these are.

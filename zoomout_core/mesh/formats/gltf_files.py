@@ -244,7 +244,7 @@ def parse_gltf(content: bytes) -> tuple[dict[str, Any], bytes]:
 
 
 def _without_nulls(part: dict[str, Any]) -> dict[str, Any]:
-    """An object without values that are null, which stand for missing ones."""
+    """A JSON object without its null values, which mean missing ones."""
     return {name: value for name, value in part.items() if value is not None}
 
 

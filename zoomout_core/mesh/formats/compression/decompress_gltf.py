@@ -30,9 +30,8 @@ WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 
 
 def decompress_gltf(tree: dict[str, Any], buffers: Sequence[bytes]) -> tuple[bytes, ...]:
-    """Decompress a document in place; returns its buffers.
-
-    If the document has the uncompressed data as well, that is kept.
+    """Decompress a document in place; returns its buffers. If the document also has the uncompressed data, that is used
+    instead.
 
     Args:
         tree: its JSON, which was checked.
@@ -57,7 +56,7 @@ def decompress_gltf(tree: dict[str, Any], buffers: Sequence[bytes]) -> tuple[byt
 
 
 def _check_expansion(tree: dict[str, Any], packed: int) -> None:
-    """Check that the views, as they are stated, are not much larger than the buffers."""
+    """Check that the stated sizes of the views are not much larger than the buffers."""
     sizes = [
         about["count"] * about["byteStride"]
         for view in tree.get("bufferViews") or []
@@ -158,7 +157,7 @@ def _decode_primitive(
 
 
 def _replace(tree: dict[str, Any], number: int, values: Any, buffers: list[bytes]) -> None:
-    """Let an accessor have values (count, width), in a buffer of their own."""
+    """Give an accessor values (count, width), in a buffer of their own."""
     accessor = tree["accessors"][number]
     if len(values) != accessor["count"]:
         raise FormatError("its Draco data has another number of elements than it states")
