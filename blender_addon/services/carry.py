@@ -72,7 +72,7 @@ def carry(
     review: Review | None = None,
     force: bool = False,
 ) -> Outcome[dict[str, Any]]:
-    """Transfer the data of one file's meshes to those of another, which is open afterwards.
+    """Transfer the data of one file's meshes to those of another file, which is open afterwards.
 
     Data-blocks from the source's file are removed again, except those that the targets now use, such as materials and
     the armature that they are bound to.

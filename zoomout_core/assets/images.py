@@ -53,8 +53,9 @@ def image_type(content: bytes) -> ImageType | None:
 
 
 def _is_targa(content: bytes) -> bool:
-    """Whether content has the header of a Targa image. This format has no signature, so the ranges of its fields are
-    checked.
+    """Whether content has the header of a Targa image.
+
+    This format has no signature, so the ranges of its fields are checked.
     """
     if len(content) < 18:
         return False

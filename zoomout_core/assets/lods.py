@@ -190,9 +190,10 @@ def _select(asset: Asset, alive: Integers, corners: Integers, content: Integers)
 
 
 def _with_facing_normals(level: Asset, asset: Asset, used: Integers) -> Asset:
-    """Give each corner of a level the normal of its vertex in the asset that is nearest to its face's normal. If all of
-    them face away, the face's normal is used, because the place would be black. Vertices whose normals face away in the
-    asset, such as those of foliage, keep them.
+    """Give each corner of a level the normal of its vertex in the asset that is nearest to its face's normal.
+
+    If all of them face away, the face's normal is used, because the place would be black. Vertices whose normals face
+    away in the asset, such as those of foliage, keep them.
     """
     normals, surface, made = asset.find(NORMALS), asset.surface, level.surface
     if normals is None:

@@ -171,8 +171,9 @@ def _first_min(values: Floats, group: Integers) -> Integers:
 
 
 def consecutive(sizes: Integers, most: int) -> list[Integers]:
-    """Divide items of sizes (q,) into consecutive blocks. The sizes in a block, without its first, sum to less than
-    `most`.
+    """Divide items of sizes (q,) into consecutive blocks.
+
+    The sizes in a block, without its first, sum to less than `most`.
     """
     return np.split(np.arange(len(sizes)), np.flatnonzero(np.diff(np.cumsum(sizes) // most)) + 1)
 

@@ -83,7 +83,7 @@ def confirm(attempt: Attempt, by: Attempt) -> Attempt:
 
 
 def _first_of_the_best(attempts: Sequence[Attempt]) -> Attempt:
-    """The first attempt that no other is clearly better than."""
+    """The first attempt to which no other is clearly superior."""
     most = max(attempt.worth for attempt in attempts)
     return next(attempt for attempt in attempts if ATTEMPTS.clearly_better * attempt.worth >= most)
 

@@ -144,7 +144,7 @@ def check_regions(regions: Regions | None, source: Surface, target: Surface) -> 
 
 
 def meet_exact_landmarks(surface_map: SurfaceMap, pair: Pair) -> SurfaceMap:
-    """Bend the map of a pair to its exact landmarks, if it has any; that of hulls met them shell by shell."""
+    """Bend the map of a pair to its exact landmarks, if it has any. Maps of hulls already meet them, shell by shell."""
     if pair.exact_landmarks is None or pair.target_shape.proxy.full.is_hull:
         return surface_map
     return bend_to_points(surface_map, pair.source, pair.target, *landmark_points(pair, pair.exact_landmarks))

@@ -25,7 +25,7 @@ SMALLEST_PROXY = 500
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MatchOptions:
-    """Options of a match; they are validated at once, as far as this does not need the surfaces.
+    """Options of a match. They are validated at once, except against the surfaces.
 
     Attributes:
         initial: the initial map. "auto": from the shapes alone. "landmarks": from the given pairs. "proximity": from
@@ -114,9 +114,9 @@ def _check_pairs(landmarks: object, regions: object) -> None:
 
 
 def _are_pairs(landmarks: object) -> bool:
-    """Whether landmarks are pairs, instead of the landmarks of each surface.
+    """Whether landmarks are a list of pairs instead of a tuple of two lists.
 
-    Two pairs have the form of two lists of two landmarks, so these must be in a tuple.
+    Two pairs look like two lists of two landmarks, so the latter must be in a tuple.
     """
     if not isinstance(landmarks, list | tuple) and not (isinstance(landmarks, np.ndarray) and landmarks.ndim):
         return False

@@ -161,7 +161,7 @@ def _on_part(role: str, surface: Surface, shape: ShapeAnalysis, given: ArrayLike
 def _prefer_main_part(
     surface: Surface, shape: ShapeAnalysis, points: Floats, corners: Integers, barycentric: Floats
 ) -> tuple[Integers, Floats]:
-    """The places (m, 3) of points (m, 3) in triangles, moved to the main part where that is as good as there, too."""
+    """The places (m, 3) of points (m, 3) in triangles, moved to the main part where that is equally near."""
     on_part = shape.proxy.full.vertex_of >= 0
     other = np.flatnonzero(~on_part[corners].all(axis=1))
     triangles = surface.triangles[on_part[surface.triangles].all(axis=1)]

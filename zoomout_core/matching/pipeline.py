@@ -136,7 +136,7 @@ def _match_surfaces(source: Surface, target: Surface, options: MatchOptions, not
 def _attempt_bodies(
     source: Surface, target: Surface, known: Constraints, options: MatchOptions, notes: tuple[str, ...]
 ) -> list[Attempt]:
-    """Match one pair of bodies of two surfaces after the other, the most promising first, until a map is certain.
+    """Match pairs of bodies of two surfaces, the most promising first, until a map is certain.
 
     Tight hulls come last, for automatic matches of surfaces that have hulls.
     """
@@ -218,7 +218,7 @@ def _show(pair: Pair, sample_maps: Sequence[Integers]) -> None:
 
 
 def _prepare_rest(shape: ShapeAnalysis, turns: bool) -> None:
-    """Compute the data that candidates do without but later stages need, so that the first look need not wait."""
+    """Compute data that only stages after the candidates need, so that the first look need not wait for it."""
     if turns:
         self_maps(shape)
     if not shape.proxy.full.is_hull:

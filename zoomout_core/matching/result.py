@@ -99,10 +99,10 @@ class MatchResult(Summary):
 
     @property
     def certainty(self) -> float:
-        """Probability that the map as a whole is right: no side swapped, nothing turned front to back.
+        """Probability that the map as a whole is right: no sides swapped, and not turned front to back.
 
-        It refers to the whole target, and decreases with the part that has no partner, or no known place. No map
-        that tears closed shapes is certain.
+        It refers to the whole target, and decreases with the area that has no partner or no known place. No map that
+        tears closed shapes is certain.
         """
         return self.candidates[self.chosen].certainty * self.placed
 
@@ -175,7 +175,7 @@ class MatchResult(Summary):
 
     @property
     def verdict(self) -> Verdict:
-        """Whether to use the map, to look at a place of it, or to try another one."""
+        """Whether to use the map, to check a place of it, or to try another one."""
         return judge(self.certainty, self.faults)
 
     def _summary(self) -> dict[str, str]:

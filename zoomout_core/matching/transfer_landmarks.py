@@ -137,7 +137,7 @@ def _look_back(result: MatchResult, here: Samples, there: Samples, known: Corres
 
 
 class _Found(NamedTuple):
-    """Places (q, 3) on the target, and (q,) cosines of its normals there and those that were sought."""
+    """Places (q, 3) on the target, and (q,) cosines between its normals there and the wanted ones."""
 
     places: Floats
     agreement: Floats
@@ -164,7 +164,7 @@ def _expected_errors(warped: Warp, known: Correspondences, feet: Floats, cycle: 
 
     Three distances estimate the error: the distance by which a second warp, from the target to the source, misses the
     start; the distance by which lower stiffness moves the place; and the distance between the map and the warp around
-    the landmark. Their geometric mean is divided by how well the surroundings and the normals fit.
+    the landmark. Their geometric mean is divided by the fit of the surroundings and of the normals.
 
     Args:
         warped: the warp of the source.

@@ -105,8 +105,9 @@ def _simplify(vertices: Floats, triangles: Integers, count: int) -> tuple[Floats
 
 
 def _thin(vertices: Floats, triangles: Integers, close: float, random: np.random.Generator, done: float) -> Integers:
-    """(n,) the vertex that replaces each vertex: itself, or one at the other end of a short edge. The vertices that
-    stay are a maximal independent set of the graph of short edges (Luby 1986).
+    """(n,) the vertex that replaces each vertex: itself, or one at the other end of a short edge.
+
+    The vertices that stay are a maximal independent set of the graph of short edges (Luby 1986).
     """
     n = len(vertices)
     tail, head = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()

@@ -152,8 +152,9 @@ class _State:
         return int(np.count_nonzero(np.bincount(self.triangles.ravel())))
 
     def set_lines(self, layers: Sequence[Integers], distance: float) -> None:
-        """Treat seams of these layers as lines, and limit the distance by which collapses move vertices. Quadrics are
-        summed again, without the lines of other layers.
+        """Treat seams of these layers as lines, and limit the distance by which collapses move vertices.
+
+        Quadrics are summed again, without the lines of other layers.
         """
         self.distance, self.wedge = distance, self._combine(layers)
         self.content_wedge = self.wedge if len(layers) else self.layer
@@ -446,8 +447,7 @@ class _State:
     def _folds(
         self, tail: Integers, head: Integers, which: Integers, triangle: Integers, normals: Floats, edges: Edges
     ) -> Booleans:
-        """(q,) whether collapses fold triangles onto a neighbour, clearly more than any triangle at the same tail was
-        folded before.
+        """(q,) whether collapses fold triangles onto a neighbour, clearly more than any at the same tail was before.
 
         Args:
             tail: (k,) the vertices that are merged.

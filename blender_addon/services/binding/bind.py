@@ -147,7 +147,7 @@ async def prepare_binding(
 
 
 def _pose(job: TransferJob, rigged: Rigged, weights: WeightAdapter) -> tuple[PosedTarget, TransferJob]:
-    """The pose of a target, and the transfer along the map to the source in that pose, by which weights come."""
+    """The pose of a target, and the transfer of weights along the map to the source in that pose."""
     mapped = map_target(job.match, job.pair.source, job.pair.target, job.settings.fill_below)
     with stage("Finding the pose", 0, READING):
         posed = find_pose(mapped, rigged.rest, rigged.weights, rigged.bones.parents)
@@ -216,9 +216,9 @@ def _check_weights(
     weights: WeightAdapter,
     moved: Floats,
 ) -> tuple[Booleans, tuple[str, ...]]:
-    """Turn the bones to extremes, play their animation, and smooth weights that would tear the target.
+    """Rotate the bones to extremes, play their animation, and smooth weights that would tear the target.
 
-    The bones of the target turn about other heads (b, 3) if they are moved.
+    If the target's bones are moved, they rotate about other heads (b, 3).
 
     Returns:
         (n_t,) vertices that stretch too far still, and sentences for the user.

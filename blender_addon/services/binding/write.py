@@ -42,7 +42,7 @@ def write_bound(context: Context, pair: ObjectPair, bound: Bound) -> list[Messag
 
 
 def _redirect_drivers(target: Object, read: Iterable[Object]) -> list[Message]:
-    """Let drivers of the keys that a target has already read its armature, where it has what they read of others.
+    """Make drivers of the target's own keys read its armature, as far as it has what they read elsewhere.
 
     Args:
         target: the object, bound.

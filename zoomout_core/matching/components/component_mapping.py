@@ -89,7 +89,7 @@ def map_components(pair: Pair, body: SurfaceMap, confidence: Floats) -> Componen
 
 
 def _is_visible(part: Part, pair: Pair, source: Side) -> bool:
-    """Whether the source's outside shows a part, and another surface may, too."""
+    """Whether a part is visible on the source's outside, and may be visible on another surface."""
     visible = np.flatnonzero(pair.shares >= VERDICT.visible)
     return pair.source is not pair.target and source.mesh.component[part.vertices[0]] in visible
 
@@ -208,7 +208,7 @@ def _onto_pieces(
 def _correct_towards(part: Part, partner: Part) -> Floats:
     """(n, 3) a part's points, corrected by its partner for errors of the body's map.
 
-    A small part takes its partner's centre and size, the boundary loops of a large one those of its partner.
+    A small part takes the centre and size of its partner; a large one moves its boundary loops to those of its partner.
     """
     if part.size < MIN_DEFORMABLE_SIZE:
         return (part.points - part.centre) * (partner.size / max(part.size, 1e-12)) + partner.centre
@@ -277,5 +277,5 @@ def _confidence(most: float, residual: Floats) -> Floats:
 
 
 def _beside_body(image: Image, around: Floats) -> Image:
-    """An image whose confidence owes as much to the body around it, (n,) for all vertices, as to its own fit."""
+    """An image whose confidence depends equally on its own fit and on the body around it, (n,) for all vertices."""
     return replace(image, confidence=np.sqrt(image.confidence * around[image.vertices]))

@@ -82,7 +82,7 @@ class _Cloud:
 
     @cached_property
     def rows(self) -> Floats:
-        """(n, 6) coordinates in which closest points also face alike."""
+        """(n, 6) coordinates in which closest points also have similar normals."""
         return np.hstack([self.points, self.weight * self.normals])
 
     @cached_property
@@ -104,7 +104,7 @@ class _Cloud:
 def find_fused(
     pair: Pair, images: Floats, motion: SimilarityField, source: Side, target: Side, parts: Mapping[int, Part]
 ) -> dict[int, FusedPart]:
-    """Those of the source's parts, by number, that are fused with the target's body.
+    """Find the parts of the source, by number, that are fused with the target's body.
 
     The images (b, 3) of the body's vertices are on the source's body, and determine its motion.
     """
@@ -212,14 +212,14 @@ def _register(ours: _Cloud, theirs: _Cloud, part: _Cloud, images: Floats, handed
 
 
 def _rms_distance(some: _Cloud, others: _Cloud) -> float:
-    """Root mean square distance from points to those of others that are closest."""
+    """Root mean square distance from points to the closest ones of others."""
     return float(np.sqrt(np.mean(np.square(some.distances(others)))))
 
 
 def _lies_on_body(patch: _Cloud, off: float, source: Side, reach: float, tree: cKDTree) -> bool:
-    """Whether the source's body fits a patch as well as the part does, from which it is `off`.
+    """Whether the source's body fits a patch as well as the part does, whose distances to it are `off`.
 
-    The body goes on below the part. Everything that is near the tree's points, the visible ones of the part, counts.
+    The body continues below the part. Everything near the points of the tree, the part's visible ones, counts.
     """
     triangles = source.mesh.oriented_triangles[~source.loose[source.mesh.triangles[:, 0]]]
     triangles = triangles[_within(reach, tree, source.points)[triangles].any(axis=1)]

@@ -219,7 +219,7 @@ def _divide(vertex: Integers, part: Integers, points: Floats, motion: Similarity
 
 
 def _choose_samples(part: Integers, points: Floats, usable: Integers, count: int, most: int) -> Integers:
-    """Some of the usable vertices of each part (n,), at most `most`, by part; none of parts with few.
+    """Choose at most `most` usable vertices of each part (n,), by part, and none of parts with few.
 
     They are evenly spread over the distances from the part's centre, in any order of vertices.
     """

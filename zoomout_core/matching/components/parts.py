@@ -112,7 +112,7 @@ class Side:
 
     @classmethod
     def of(cls, surface: Surface, body: WorkingMesh) -> Side:
-        """A surface and its body: one of its parts, or the hull around it, whose frame is taken then."""
+        """A surface and its body: one of its parts, or the hull around it. The frame is that of the body."""
         mesh = surface.working
         areas = vertex_areas(mesh.vertices, mesh.triangles)
         areas = np.maximum(areas, 1e-9 * areas.mean())
@@ -123,7 +123,7 @@ class Side:
 
     @property
     def body(self) -> int:
-        """The number of the component that is the body, or -1 where none is."""
+        """The number of the component that is the body, or -1 for a hull."""
         return int(self.mesh.component[self.body_vertices[0]]) if len(self.body_vertices) else -1
 
     @cached_property

@@ -63,7 +63,7 @@ def near_hull(side: Side, shape: ShapeAnalysis) -> Booleans:
 
 
 def find_covered(side: Side, outside: Booleans) -> Booleans:
-    """(n,) which of the vertices near the hull (n,) are below another part, as a body is below a shirt."""
+    """(n,) which of the vertices near the hull (n,) are below another part, such as a body below a shirt."""
     component, triangles = side.mesh.component, side.mesh.triangles
     covered = np.zeros(len(outside), dtype=bool)
     if component.max() == 0:
@@ -99,7 +99,7 @@ def find_beneath(
     distance = np.zeros(len(points))
 
     def look(vertices: Integers, among: Integers, reach: float) -> Integers:
-        """Map vertices to some triangles; returns the vertices that are farther from them than the reach."""
+        """Map vertices to some triangles; returns the vertices that are beyond the reach."""
         if not len(vertices) or not len(among):
             return vertices
         surface = OrientedSurface(

@@ -70,7 +70,7 @@ def pair_shells(
 
 
 def _rivals(here: Shells, there: Shells, prior: Similarities, strangers: Booleans) -> tuple[Integers, Integers]:
-    """Pairs (q,), (q,) of shells that are near each other and of like size, and may be registered.
+    """Pairs (q,), (q,) of shells that are near each other, of similar size, and may be registered.
 
     `prior` are the motions of the target's shells with the body, `strangers` (n_t, n_s) pairs that may not be.
     """

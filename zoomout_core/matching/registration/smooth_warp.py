@@ -172,7 +172,7 @@ class Correspondences(NamedTuple):
 
     @classmethod
     def of_candidate(cls, result: MatchResult, number: int) -> Correspondences:
-        """The few that are known of a candidate before its map is computed."""
+        """The few correspondences that are known of a candidate before its map is computed."""
         at, images = result.outline(number)
         points = result.source.working.from_surface(result.source.vertices[images])
         partners = result.target.working.from_surface(result.target.vertices[at])

@@ -30,8 +30,9 @@ WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 
 
 def decompress_gltf(tree: dict[str, Any], buffers: Sequence[bytes]) -> tuple[bytes, ...]:
-    """Decompress a document in place; returns its buffers. If the document also has the uncompressed data, that is used
-    instead.
+    """Decompress a document in place; returns its buffers.
+
+    If the document also has the uncompressed data, that is used instead.
 
     Args:
         tree: its JSON, which was checked.
