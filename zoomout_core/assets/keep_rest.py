@@ -51,7 +51,7 @@ def keep_rest(target: Asset, received: Asset, names: Collection[str], part: Blen
 
 
 def _alike(new: Attribute, own: Attribute, surface: Surface) -> tuple[Attribute, Attribute]:
-    """Convert two attributes of a name to one format: shape keys with the keys of both, colours on corners with alpha."""
+    """Convert two attributes of a name to one format: shape keys with those of both, colours on corners with alpha."""
     if new.name == SHAPE_KEYS:
         values = np.zeros_like(new.values)
         values[:, [new.labels.index(label) for label in own.labels]] = own.values
