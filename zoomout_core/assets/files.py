@@ -23,10 +23,9 @@ from zoomout_core.mesh.formats.compression.draco import library
 from zoomout_core.mesh.formats.files import read_surface
 from zoomout_core.mesh.formats.more_files import READERS as MORE_READERS
 from zoomout_core.mesh.formats.named_files import named_files
-from zoomout_core.mesh.formats.opening import existing
+from zoomout_core.mesh.formats.opening import existing, explain_damage
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.surface import MeshError
-from zoomout_core.runtime.input_files import reason_of
 from zoomout_core.runtime.outputs import atomic_write_together, is_same_file, replaces_input
 
 READERS = {".glb": read_gltf, ".gltf": read_gltf, ".obj": read_obj, ".ply": read_ply, ".vrm": read_gltf}
@@ -62,15 +61,8 @@ def read_asset(path: str | PathLike[str], folders: Iterable[str | PathLike[str]]
     """
     place = existing(path)
     reader = READERS.get(place.suffix.lower())
-    try:
+    with explain_damage(path):
         return Asset(read_surface(place)) if reader is None else reader(place, tuple(map(Path, folders)))
-    except (MeshError, ImportError):
-        raise
-    except Exception as error:  # readers raise various errors on a broken file
-        raise MeshError(
-            f"{path} could not be read ({reason_of(error)}): check that the file is complete and has the right "
-            "extension."
-        ) from error
 
 
 def check_format(path: str | PathLike[str]) -> None:

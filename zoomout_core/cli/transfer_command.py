@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
@@ -33,10 +32,9 @@ from zoomout_core.assets.transfer_asset import KINDS, SHAPES, base_of, select_da
 from zoomout_core.batch import (
     Job,
     check_inputs_stay,
-    end_with_code,
     plan,
+    report_outcomes,
     run_batch,
-    say_outcomes,
 )
 from zoomout_core.cli.report import json_option, match_figures, match_lines, match_notes
 from zoomout_core.command_options import (
@@ -192,11 +190,7 @@ def transfer(
         outcomes, figures = run_batch(source, jobs, run, given, output)
     except (ValueError, OSError, ImportError) as error:
         raise click.ClickException(str(error)) from None
-    if as_json:
-        click.echo(json.dumps(figures, indent=1))
-        end_with_code(outcomes)
-    else:
-        say_outcomes(outcomes, output)
+    report_outcomes(outcomes, figures, output, as_json)
 
 
 def check_kinds(kinds: str) -> list[str]:

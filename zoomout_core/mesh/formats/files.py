@@ -29,14 +29,14 @@ from zoomout_core.mesh.formats.gltf_files import read_gltf_file
 from zoomout_core.mesh.formats.more_files import READERS as MORE_READERS
 from zoomout_core.mesh.formats.more_files import Faces, Polygons, join
 from zoomout_core.mesh.formats.obj_files import parse_obj
-from zoomout_core.mesh.formats.opening import existing, file_bytes
+from zoomout_core.mesh.formats.opening import existing, explain_damage, file_bytes
 from zoomout_core.mesh.formats.ply_files import PlyColumns, ply_columns, ply_normals, ply_polygons
 from zoomout_core.mesh.formats.text_tables import flatten, number_table, text_lines, whole_number
 from zoomout_core.mesh.formats.xml_instances import check_instances
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.surface import MeshError, PointCloud, Surface
 from zoomout_core.runtime.extras import install_hint
-from zoomout_core.runtime.input_files import FormatError, check_expansion, reason_of
+from zoomout_core.runtime.input_files import FormatError, check_expansion
 from zoomout_core.runtime.outputs import atomic_write
 
 # Formats that trimesh reads with packages of the extra `formats`, and all that it is asked to read.
@@ -167,18 +167,11 @@ def _read(path: str | PathLike[str]) -> tuple[Polygons, PlyColumns]:
         ".glb": _read_gltf,
         ".vrm": _read_gltf,
     }
-    try:
+    with explain_damage(path):
         if path.suffix.lower() == ".ply":
             columns = ply_columns(file_bytes(path))
             return ply_polygons(columns), columns["vertex"]
         return readers.get(path.suffix.lower(), _read_with_trimesh)(path), {}
-    except (MeshError, ImportError):
-        raise
-    except Exception as error:  # readers raise various errors on a broken file
-        raise MeshError(
-            f"{path} could not be read ({reason_of(error)}): check that the file is complete and has the right "
-            "extension."
-        ) from error
 
 
 # --- OFF ----------------------------------------------------------------------------------------------------
