@@ -165,6 +165,7 @@ def test_a_plain_comment_is_accepted(code: str) -> None:
         '"The shape is prepared anew."',
         '"Its maps are surer."',
         '"It is no image of a known type."',
+        '"The share from which on a map is red."',
         '"The lips are joined, as on many scans."',
         '("Name of the collection " "of what is carried")',
     ],
