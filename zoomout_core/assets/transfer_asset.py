@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -98,13 +98,7 @@ def transfer_asset(
         >>> [attribute.name for attribute in made.asset.attributes]
         ['color']
     """
-    if shape not in SHAPES:
-        raise ValueError(f"shape is {shape!r}: give {', '.join(SHAPES)}.")
-    if isinstance(kinds, str) or not isinstance(kinds, Collection):
-        raise TypeError(f"kinds is {kinds!r}: give a list of {', '.join(KINDS)}.")
-    unknown = [kind for kind in kinds if kind not in KINDS]
-    if unknown:
-        raise ValueError(f"Unknown kind {unknown[0]!r}: choose from {', '.join(KINDS)}.")
+    _check_choices(kinds, shape)
     part = None
     if mask is not None:
         part, kinds = Blend(mask=mask_of(mask, target.surface)), without_weights(kinds)
@@ -112,27 +106,18 @@ def transfer_asset(
     if move_rig and skin is None:
         raise MeshError("The source has no joints to move: choose a rigged source, and transfer its skin weights.")
     mapped = map_target(match, source.surface, place_all(target.surface), fill_below)
-    # Replace all of the target's data of a kind together.
     replaced = {kind_of(each) for each in chosen}
-    received = {each.name: each for each in target.attributes if kind_of(each) not in replaced}
-    notes: list[str] = []
-    for number, attribute in enumerate(chosen):
-        start, end = (0.7 * (number + step) / len(chosen) for step in (0, 1))
-        with stage(message("Transferring {what}", what=attribute.name), start, end):
-            carried = transfer_along(attribute, mapped)
-            if attribute.name == SHAPE_KEYS:
-                carried = _add_keys(target.find(SHAPE_KEYS), carried)
-        received[attribute.name] = carried
-        notes += carried.notes
-    motions: tuple[MotionCheck, ...] = ()
-    asset = replace(target, attributes=tuple(received.values()), notes=(), stored_map=None)
+    attributes, notes = _transfer_attributes(chosen, replaced, target, mapped)
+    asset = replace(target, attributes=attributes, notes=(), stored_map=None)
     if MATERIALS in replaced:
         asset = replace(asset, materials=source.materials, look=source.look)
+    names = tuple(each.name for each in chosen)
     if part is None:
         notes += _note_on_replaced(target, replaced, skin is not None)
     else:
-        asset, of_rest = keep_rest(target, asset, [each.name for each in chosen], part)
+        asset, of_rest = keep_rest(target, asset, list(names), part)
         notes += of_rest
+    motions: tuple[MotionCheck, ...] = ()
     if skin is not None:
         with stage("Binding to the joints", 0.7, 1.0):
             own, at_rest, found = _bind(source, skin, mapped, shape, max_weights)
@@ -146,7 +131,35 @@ def transfer_asset(
             motions = check_rig(source, asset, at_rest.surface_map)
             notes += note_on_motions(motions)
     advance(1.0)
-    return TransferredAsset(asset, tuple(each.name for each in chosen), tuple(notes), motions)
+    return TransferredAsset(asset, names, tuple(notes), motions)
+
+
+def _check_choices(kinds: Collection[str], shape: str) -> None:
+    """Check the arguments of `transfer_asset` that are chosen from lists."""
+    if shape not in SHAPES:
+        raise ValueError(f"shape is {shape!r}: give {', '.join(SHAPES)}.")
+    if isinstance(kinds, str) or not isinstance(kinds, Collection):
+        raise TypeError(f"kinds is {kinds!r}: give a list of {', '.join(KINDS)}.")
+    unknown = [kind for kind in kinds if kind not in KINDS]
+    if unknown:
+        raise ValueError(f"Unknown kind {unknown[0]!r}: choose from {', '.join(KINDS)}.")
+
+
+def _transfer_attributes(
+    chosen: Sequence[Attribute], kinds: Collection[str], target: Asset, mapped: MappedTarget
+) -> tuple[tuple[Attribute, ...], list[str]]:
+    """The target's attributes, those of some kinds replaced by the chosen ones, and notes."""
+    received = {each.name: each for each in target.attributes if kind_of(each) not in kinds}
+    notes: list[str] = []
+    for number, attribute in enumerate(chosen):
+        start, end = (0.7 * (number + step) / len(chosen) for step in (0, 1))
+        with stage(message("Transferring {what}", what=attribute.name), start, end):
+            carried = transfer_along(attribute, mapped)
+            if attribute.name == SHAPE_KEYS:
+                carried = _add_keys(target.find(SHAPE_KEYS), carried)
+        received[attribute.name] = carried
+        notes += carried.notes
+    return tuple(received.values()), notes
 
 
 def place_all(surface: Surface) -> Surface:
