@@ -101,7 +101,7 @@ class Frames:
 
     @cached_property
     def doubted_stiffness(self) -> csc_array:
-        """(n, n) remaining stiffness, of edges without trust, for filling in."""
+        """(n, n) the remaining stiffness, of edges without trust, which fills in values."""
         return DOUBTED_WEIGHT * (self.stiffness - self.trusted_stiffness)
 
     @cached_property
@@ -167,7 +167,7 @@ class Frames:
 
     @property
     def other_person(self) -> float:
-        """Whether source and target seem to be two persons, in [0, 1], whose expressions are equally long.
+        """Degree, in [0, 1], to which source and target seem to be two persons, whose expressions are equally long.
 
         Head models add the same offsets to small and large heads (Blanz and Vetter, A morphable model for the synthesis
         of 3D faces, 1999; Li et al., Learning a model of facial shape and expression from 4D scans, 2017). But an
@@ -187,7 +187,7 @@ class Frames:
 
     @cached_property
     def _whole(self) -> tuple[Floats, Floats]:
-        """(1, 3, 3) the best similarity of all vertices, and (1,) how far the map is from it; see `_similarities`."""
+        """(1, 3, 3) the best similarity of all vertices, and (1,) the map's deviation from it; see `_similarities`."""
         return _similarities(self.smoothing.weights[None] @ self._moments, self._side_of_most)
 
     @cached_property
@@ -221,7 +221,7 @@ class Frames:
     def _handedness(self) -> Floats:
         """(n,) -1 where a component is mapped as a mirror image, else 1.
 
-        Components without an outside, such as lashes, are as most of the others.
+        Components without an outside, such as lashes, take the value of most others.
         """
         source, target = self.mapped.source.working, self.mapped.target.working
         normals = source.component_sides_are_known[source.component, None] * source.vertex_normals
@@ -247,8 +247,9 @@ class Frames:
 def without_small_turn(linear: Floats) -> Floats:
     """A similarity's linear part (3, 3) without its rotation, if that is small.
 
-    Two characters stand upright and face forward in their files. The best similarity between their shapes still rotates
-    by some degrees, for foreheads recede and necks bend, and so would the directions of all expressions.
+    Two characters stand upright and face forward in their files. Still, the best similarity between their shapes
+    rotates by some degrees, because foreheads recede and necks bend. It would rotate the directions of all expressions,
+    too.
     """
     scale = np.cbrt(np.linalg.det(linear))
     if scale <= 0:  # a mirror image
@@ -260,7 +261,7 @@ def without_small_turn(linear: Floats) -> Floats:
 
 
 def _similarities(means: Floats, handedness: Floats) -> tuple[Floats, Floats]:
-    """(m, 3, 3) best similarities of neighbourhoods, and (m,) how far the map is from them.
+    """(m, 3, 3) best similarities of neighbourhoods, and (m,) deviations of the map from them.
 
     Takes the means (m, 18) of `products` of places and images, of the squares of images, and of ones. The deviation is
     a share of the neighbourhood's size.

@@ -54,9 +54,10 @@ class Filling:
     factor: SuperLU | None  # the factors of the remaining block, or None if u is zero
 
     def fill(self, values: Floats, following: bool = False) -> Floats:
-        """Fill in values (n, d) from those of trusted vertices, within their range; not at all if these are not finite.
+        """Fill in values (n, d) from those of trusted vertices, within their range.
 
-        Followers take the values of the vertices that they follow, or stay unchanged.
+        They are left if those of trusted vertices are not finite. Followers take the values of the vertices that they
+        follow, or stay unchanged.
         """
         known = self.merged @ values
         whole = values.copy()
@@ -153,7 +154,7 @@ def filling(surface: Surface, trusted: Booleans) -> Filling:
 
 
 def _system(working: WorkingMesh, known: Booleans, unknown: Booleans) -> tuple[csr_array, SuperLU | None]:
-    """The rows of the system at the unknown vertices: the block (u, k) of the known ones, and factors of the rest."""
+    """The rows of the system at unknown vertices: the block (u, k) for the known ones, and factors of the rest."""
     if not unknown.any():
         return csr_array((0, int(known.sum()))), None
     near = unknown.copy()

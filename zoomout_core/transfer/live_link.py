@@ -41,7 +41,7 @@ def pick_elected_corners(attribute: Attribute, mapped: MappedTarget) -> Picks:
 
 
 def pick_elected_faces(attribute: Attribute, mapped: MappedTarget) -> Picks:
-    """The face of the source with the label of each face that covers most of it, or any where none covers it."""
+    """The face of the source that covers most of each face, among those with its label; any if none covers it."""
     samples = mapped.samples(np.arange(len(mapped.target.face_start) - 1))
     face = mapped.source.triangle_face[samples.triangle]
     labels, elected = np.asarray(attribute.values), np.asarray(vote_faces(attribute, mapped).values)

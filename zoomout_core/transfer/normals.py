@@ -29,7 +29,7 @@ def turn_directions(attribute: Attribute, mapped: MappedTarget) -> Attribute:
 def turn_normals(attribute: Attribute, mapped: MappedTarget) -> Attribute:
     """Transfer unit normals (count, 3): directions that stay above the surface if they are above the source's.
 
-    The winding of the faces defines what is above.
+    The winding of the faces defines the upper side.
     """
     values = np.asarray(attribute.values, dtype=np.float64)
     height = np.einsum("cx,cx->c", values, _outward(mapped.source, attribute.domain))

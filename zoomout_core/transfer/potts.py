@@ -44,7 +44,7 @@ class Candidates:
 
 
 def tally(owner: Integers, code: Integers, weight: Floats) -> tuple[Candidates, Integers]:
-    """Count votes for codes (q,), each with the face that owns it (q,) and a weight (q,); every face has a vote.
+    """Count votes for codes (q,) of faces (q,) with weights (q,); every face has at least one vote.
 
     Returns the candidates, and (k,) the code of each.
     """

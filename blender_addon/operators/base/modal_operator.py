@@ -44,7 +44,7 @@ class ModalOperator(Operator):
 
     @property
     def remedy(self) -> Message:
-        """How to use a match that is probably wrong anyway: it is stored now."""
+        """The way to use a match that is probably wrong, which is stored now."""
         return message("To use this match anyway, press {button}.", button=as_message(self.bl_label))
 
     def report_failed(self, outcome: Outcome[Any]) -> None:
@@ -117,7 +117,7 @@ class ModalOperator(Operator):
         return modes.come_back_after(context, self._left, self, result)
 
     def cancel(self, context: Context) -> None:
-        """Clean up; Blender calls this when a file is loaded, the window closes, or a dialog before is cancelled."""
+        """Clean up. Blender calls this when a file is loaded, the window closes, or a preceding dialog is cancelled."""
         if hasattr(self, "_job"):
             self._end(context)
             modes.come_back_later(context, self._left)

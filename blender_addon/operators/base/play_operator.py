@@ -20,7 +20,7 @@ STEPS = {"LEFT_ARROW": -1, "RIGHT_ARROW": 1}
 
 
 class PlayOperator(Operator):
-    """The base of operators that play; a subclass says what is played.
+    """The base of operators that play; subclasses define the parts to show.
 
     Attributes:
         seconds: of each part.
@@ -46,7 +46,7 @@ class PlayOperator(Operator):
         raise NotImplementedError
 
     def restore(self, context: Context) -> None:
-        """Restore what was there; a script may have removed objects."""
+        """Restore the previous state; a script may have removed objects meanwhile."""
         raise NotImplementedError
 
     @classmethod
@@ -70,7 +70,7 @@ class PlayOperator(Operator):
         return {"RUNNING_MODAL"}
 
     def modal(self, context: Context, event: Event) -> set[str]:
-        """Play, or end; only events of the view pass through, so that nothing else is done meanwhile."""
+        """Play, or end. Only events of the view pass through, so that nothing else happens meanwhile."""
         if event.type in ENDING and event.value == "PRESS":
             self.cancel(context)
             return {"CANCELLED"}

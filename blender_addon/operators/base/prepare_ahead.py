@@ -93,8 +93,8 @@ def advance(context: Context) -> bool:
 def _selected_pair(context: Context) -> _Pair | None:
     """The surfaces that a match of the active object would need.
 
-    None without two meshes in Object Mode, or if they are large. None, too, if the target's modifiers add vertices: to
-    read it takes a temporary copy in the scene, which nobody has asked for.
+    None without two meshes in Object Mode, or if they are large. Also None if the target's modifiers add vertices:
+    reading it would add a temporary copy to the scene, which the user has not asked for.
     """
     target, options = context.active_object, context.scene.zoomout.match_options()
     if target is None or target.type != "MESH" or target.mode != "OBJECT" or options["initial"] not in OF_LANDMARKS:

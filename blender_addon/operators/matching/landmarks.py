@@ -32,7 +32,7 @@ MAX_SELECTED = 64
 
 
 class LandmarkOperator(Operator):
-    """The base of operators on the landmarks of the source and the targets, which `change` and say what they did."""
+    """The base of operators that change the landmarks of the source and the targets by `change`, and report it."""
 
     bl_options = {"REGISTER", "UNDO"}
 

@@ -191,7 +191,7 @@ def _names(objects: list[Object]) -> str:
 
 
 def _place_of_mouse(context: Context, event: Event) -> Pointed | None:
-    """The place of the mouse in a 3D view, or None elsewhere, as over a sidebar."""
+    """The place of the mouse in a 3D view, or None elsewhere, such as over a sidebar."""
     for area in context.window.screen.areas if context.window else ():
         if area.type == "VIEW_3D" and _inside(area, event):
             found = [region for region in area.regions if region.width > 1 and _inside(region, event)]

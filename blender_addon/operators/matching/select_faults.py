@@ -20,7 +20,7 @@ from ..base.modal_operator import ModalOperator
 
 
 class SelectOperator(MatchedOperator):
-    """The base of operators that select what is wrong with the match of the active mesh."""
+    """The base of operators that select faults of the match of the active mesh."""
 
     bl_options = {"REGISTER", "UNDO"}
     what = ""

@@ -67,7 +67,7 @@ def sheets_of(chart: Chart, mapped: MappedTarget) -> Sheets:
 def _read(
     chart: Chart, mapped: MappedTarget, near: Booleans, candidates: Candidates, seed: Integers, middle: Floats
 ) -> Sheets:
-    """The corners of each candidate's face on its sheet; they are searched only for faces near a border."""
+    """The corners of each candidate's face on its sheet, which are searched only for faces near a border."""
     target, cut, face = mapped.target, chart.cut, candidates.face
     candidate, corner = corners_of_faces(target, face)
     vertex = target.corner_vertex[corner]

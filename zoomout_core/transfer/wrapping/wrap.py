@@ -211,7 +211,7 @@ def _places_of_landmarks(given: tuple[ArrayLike, ArrayLike] | None, source: Surf
 
 
 def _pins(landmarks: Landmarks, vertices: Integers, n: int, unit: float) -> Pins:
-    """Landmarks as places on a mesh of n vertices, which has the target's under other numbers (m, 3).
+    """Landmarks as places on a mesh of n vertices, in which the target's triangles have other vertex numbers (m, 3).
 
     Positions are in a unit of the source's.
     """
@@ -234,7 +234,7 @@ def _places(role: str, surface: Surface, given: ArrayLike) -> tuple[Integers, Fl
 
 
 def _on_surface(fit: Fit, positions: Floats, target: Surface) -> Floats:
-    """(n_t, 3) positions of all vertices of the target; a vertex without a face follows the nearest other one."""
+    """(n_t, 3) positions of all vertices of the target; a vertex without a face follows the nearest one with a face."""
     number = target.working.vertex_of
     found = positions[number]
     unused = np.flatnonzero(number < 0)
