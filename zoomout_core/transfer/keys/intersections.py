@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Faces of a target that shape keys push through others, as lips through teeth, unlike those of its source."""
+"""Faces of a target that shape keys push through others, such as lips through teeth, unlike those of its source."""
 
 from __future__ import annotations
 
