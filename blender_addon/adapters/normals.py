@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from bpy.types import Object
@@ -28,13 +28,15 @@ class NormalAdapter:
     Attributes:
         normals: the source's in world space, after the transfer the target's in the space of its mesh.
         target: surface of the target's own mesh, at rest, for which normals are stored.
-        present: the normals that it has.
+        present: the normals that it shows.
+        custom: whether these are custom ones.
         alone: whether nothing else was requested, so that they are transferred to any target.
     """
 
     normals: Attribute
     target: zo.Surface
     present: Attribute
+    custom: bool
     alone: bool
     omitted: bool = False
     kind: str = "custom_normals"
@@ -52,9 +54,14 @@ class NormalAdapter:
                 "Normals to get them anyway"
             )
             return
-        job.note_replaced(message("custom normals"))
-        self.normals = job.transfer(self.normals, message("custom normals"), target=self.target)
-        self.normals = job.keep_values(self.normals, self.present)
+        if job.blend.mode == "missing":
+            if self.custom:
+                self.omitted = True
+                job.remarks.skipped[message("custom normals")] = "the target has its own"
+                return
+            job = replace(job, blend=replace(job.blend, mode="mix"))
+        carried = job.transfer(self.normals, message("custom normals"), target=self.target)
+        self.normals = job.blend_values(carried, self.present)
 
     def write(self, target: Object) -> None:
         if not self.omitted:
@@ -74,6 +81,7 @@ def collect(request: TransferRequest, remarks: Remarks) -> list[Adapter]:
     normals = mesh_data.read_joined_normals(request.sources)
     if normals is None:
         return []
-    present = mesh_data.read_own_normals(request.target.data)
+    mesh = request.target.data
+    present, custom = mesh_data.read_own_normals(mesh), mesh.has_custom_normals
     alone = set(request.data) == {"custom_normals"}
-    return [NormalAdapter(normals, mesh_data.read_surface_at_rest(request.target), present, alone)]
+    return [NormalAdapter(normals, mesh_data.read_surface_at_rest(request.target), present, custom, alone)]

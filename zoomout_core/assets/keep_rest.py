@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from zoomout_core.assets.asset import COLOR, MATERIALS, SHAPE_KEYS, Asset, kind_of, material_numbers, on_corners
+from zoomout_core.assets.asset import COLOR, MATERIALS, NORMALS, SHAPE_KEYS, Asset, kind_of, material_numbers, on_corners
 from zoomout_core.assets.gltf.append import append_materials
 from zoomout_core.assets.gltf.materials import full_look
 from zoomout_core.assets.gltf.read import materials_of
@@ -51,11 +51,13 @@ def keep_rest(target: Asset, received: Asset, names: Collection[str], part: Blen
 
 
 def _alike(new: Attribute, own: Attribute, surface: Surface) -> tuple[Attribute, Attribute]:
-    """Two attributes of a name in one format: shape keys with those of both, colours on corners with alpha."""
+    """Two attributes of a name in one format: shape keys with those of both, others on corners, colours with alpha."""
     if new.name == SHAPE_KEYS:
         values = np.zeros_like(new.values)
         values[:, [new.labels.index(label) for label in own.labels]] = own.values
         return new, replace(own, values=values, labels=new.labels)
+    if new.name == NORMALS and new.domain != own.domain:
+        new, own = (replace(each, values=on_corners(each, surface), domain=Domain.CORNER) for each in (new, own))
     if kind_of(new) == COLOR and (new.domain, np.shape(new.values)) != (own.domain, np.shape(own.values)):
         new, own = (
             _opaque(replace(each, values=on_corners(each, surface), domain=Domain.CORNER)) for each in (new, own)
