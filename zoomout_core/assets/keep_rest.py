@@ -8,7 +8,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from zoomout_core.assets.asset import COLOR, MATERIALS, NORMALS, SHAPE_KEYS, Asset, kind_of, material_numbers, on_corners
+from zoomout_core.assets.asset import (
+    COLOR,
+    MATERIALS,
+    NORMALS,
+    SHAPE_KEYS,
+    Asset,
+    kind_of,
+    material_numbers,
+    on_corners,
+)
 from zoomout_core.assets.gltf.append import append_materials
 from zoomout_core.assets.gltf.materials import full_look
 from zoomout_core.assets.gltf.read import materials_of

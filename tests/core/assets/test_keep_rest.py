@@ -101,12 +101,17 @@ def test_normals_outside_the_part_stay(target: Asset, head: Asset, own: Domain |
     up = np.array([0.0, 1.0, 0.0])
     if own is not None:
         others = (*others, Attribute(NORMALS, own, Kind.NORMAL, np.tile(up, (count[own], 1))))
-    made = transfer_asset(head, replace(target, attributes=others), onto_itself(head), [NORMALS], mask=upper_half(head))
+    sideways = np.tile([1.0, 0.0, 0.0], (len(head.surface.corner_vertex), 1))
+    source = replace(head, attributes=(Attribute(NORMALS, Domain.CORNER, Kind.NORMAL, sideways),))
+    made = transfer_asset(
+        source, replace(target, attributes=others), onto_itself(head), [NORMALS], mask=upper_half(head)
+    )
     found = made.asset.find(NORMALS)
     assert found is not None
     outside = upper_half(head)[target.surface.corner_vertex] == 0
     expected = outward_normals(target.surface, Domain.CORNER) if own is None else np.tile(up, (len(outside), 1))
     np.testing.assert_allclose(on_corners(found, target.surface)[outside], expected[outside], atol=1e-6)
+    assert np.abs(on_corners(found, target.surface) - expected)[~outside].max() > 0.5
 
 
 def test_materials_of_a_plain_source_keep_colors_and_images(target: Asset, head: Asset) -> None:
