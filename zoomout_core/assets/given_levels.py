@@ -206,6 +206,23 @@ def _fit_given_weights(source: Asset, surface: Surface, placed: _Placed, weights
     return csr_array(fitted[of_vertex])
 
 
+def refit_weights(source: Asset, level: Surface, found: SurfaceMap, weights: csr_array) -> csr_array:
+    """Weights of a level of detail, whose vertices stay, that are fitted to an asset whose weights were edited.
+
+    Args:
+        source: the asset at rest.
+        level: the level at rest.
+        found: the map of its vertices (k,) to the asset.
+        weights: (k, b) its weights to begin with, of the asset's joints.
+    """
+    poses = Poses(source)
+    first, of_vertex = merge_places(level.vertices)
+    own = components(unique_edges(of_vertex[level.triangles])[0], len(first))
+    there = poses.parts[source.surface.triangles[found.triangle[first], 0]]
+    groups, groups_of_asset = _group_parts(own, poses.parts, there)
+    return _fit_given_weights(source, level, _Placed(found, groups[of_vertex], groups_of_asset), weights, poses)
+
+
 def _own_uvs(asset: Asset, given: Asset) -> tuple[dict[str, Attribute], list[str]]:
     """The texture coordinates of a given mesh, by the names of those of an asset that they stand for, and notes."""
     theirs, own = (

@@ -20,9 +20,10 @@ from zoomout_core.assets.asset import NORMALS, SHAPE_KEYS, Asset, Skin, at_rest
 from zoomout_core.assets.files import read_asset, write_asset
 from zoomout_core.assets.fit_level import LEVEL_FIT
 from zoomout_core.assets.given_levels import complete_levels
-from zoomout_core.assets.level import Level
+from zoomout_core.assets.level import Level, errors_of_level
 from zoomout_core.assets.lods import make_lods, with_fewer_weights
 from zoomout_core.assets.stored_map import digest_of
+from zoomout_core.assets.update_asset import update_asset
 from zoomout_core.cli import main
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.mesh.mirror_pairs import mirror_pairs
@@ -407,6 +408,32 @@ def test_small_parts_that_a_given_mesh_joins_to_a_large_one_keep_their_data() ->
     given = Asset(zo.Surface(vertices, np.concatenate([triangles, bridge])))
     color = complete_levels(asset, {"level": given})["level"].asset.find("color 0")
     np.testing.assert_allclose(color.values, colors, atol=1e-6)
+
+
+def test_updates_fit_weights_of_levels_where_they_change(folder: Path) -> None:
+    old = read_asset(folder / "character.glb")
+    assert old.skin is not None
+    weights = old.skin.weights.toarray()
+    weights[:, :3] @= [[0.6, 0.4, 0], [0.4, 0.6, 0], [0.5, 0, 0.5]]
+    new = replace(old, skin=replace(old.skin, weights=csr_array(weights)))
+    level = read_asset(folder / "levels" / "character_LOD2.glb")
+    stored = level.stored_map
+    assert stored is not None
+    assert stored.fitted
+    assert level.skin is not None
+    plain = replace(level, stored_map=replace(stored, fitted=False))
+    found = [update_asset(old, new, each).asset for each in (level, plain)]
+    own = level.skin.weights.toarray()
+    fitted, transferred = (each.skin.weights.toarray() for each in found)
+    np.testing.assert_allclose(fitted.sum(axis=1), 1, atol=1e-6)
+    stays = (transferred == own).all(axis=1)
+    assert 0.2 < stays.mean() < 0.9
+    np.testing.assert_array_equal(fitted[stays], own[stays])
+    there = stored.on(old.surface).surface_map
+    errors = [errors_of_level(at_rest(new), at_rest(each), there)[1] for each in found]
+    assert errors[0] is not None
+    assert errors[1] is not None
+    assert errors[0] < 0.99 * errors[1]
 
 
 def test_meshes_elsewhere_are_refused(folder: Path, hand_made: list[Path], tmp_path: Path) -> None:
