@@ -216,7 +216,7 @@ def _changes(kind: str, before: Asset, now: Asset, corners: Corners) -> set[str]
 
 def _named_values(kind: str, asset: Asset, corners: Integers) -> dict[str, Floats]:
     """The values at corners (m, 3) of an asset's attributes of a kind by their names, and of shape keys by theirs."""
-    found = {}
+    found = dict[str, Floats]()
     for each in asset.attributes:
         if kind_of(each) == kind:
             values = _at_corners(each, asset.surface, corners)
