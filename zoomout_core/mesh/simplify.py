@@ -6,8 +6,9 @@ can take (Mohr and Gleicher 2003), so that more vertices stay where it bends. Bo
 between labels are lines: a vertex on a line moves along it, and one where lines meet stays. Each vertex of the
 result is a vertex of the mesh, with all of its data. If lines must be ignored, a corner that moves across a seam keeps
 its own data, such as texture coordinates, so that no triangle has those of two charts. Small regions of a label, such
-as eyes, do not vanish. No collapse folds the surface: quadrics alone let the two sides of a thin part, such as a toe, merge into one sheet. A round makes cheap
-collapses that do not touch each other, and only costs of edges that these change are recomputed.
+as eyes, do not vanish. No collapse folds the surface: quadrics alone let the two sides of a thin part, such as a toe,
+merge into one sheet. A round makes cheap collapses that do not touch each other, and only costs of edges that these
+change are recomputed.
 """
 
 from __future__ import annotations
