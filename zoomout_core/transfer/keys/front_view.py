@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from zoomout_core.arrays import Floats, Integers
+from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.transfer.keys.head_directions import HeadDirections
 from zoomout_core.transfer.pixels import INSIDE, pixels_near
 
@@ -91,3 +91,10 @@ def view_from_front(
     origin, shape = axes @ centre, (columns, rows)
     depth = (depth + origin[2]).reshape(shape)
     return FrontView(origin, pixel, depth, corners.reshape(*shape, 3), weights.reshape(*shape, 3))
+
+
+def enclosed_pieces(chosen: Booleans) -> Integers:
+    """(columns, rows) numbers from 1 of connected pieces of chosen pixels; 0 elsewhere, and for pieces at a border."""
+    piece, _ = scipy.ndimage.label(chosen)
+    border = np.concatenate([piece[[0, -1]].ravel(), piece[:, [0, -1]].ravel()])
+    return np.where(np.isin(piece, border), 0, piece)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from zoomout_core.arrays import Booleans, Floats, Integers
-from zoomout_core.transfer.keys.front_view import view_from_front
+from zoomout_core.transfer.keys.front_view import enclosed_pieces, view_from_front
 from zoomout_core.transfer.keys.head_directions import HeadDirections
 
 # Lengths relative to the distance between the eyes, about 65 mm.
@@ -101,7 +101,8 @@ def find_mouth_line(vertices: Floats, triangles: Integers, centre: Floats, head:
     right, left = _length(sharp[:middle][::-1], is_valley[:middle][::-1]), _length(sharp[middle:], is_valley[middle:])
     between = slice(middle - int(right), middle + int(left))
     is_lip = np.abs(row - line[:, None]) * view.pixel < LIP * head.size
-    has_hole = ((depth == OPEN) & is_lip & ~on_rims).any(axis=1)[between]
+    # The valley between lip and chin may be as deep, but leads out of the image.
+    has_hole = ((enclosed_pieces(depth == OPEN) > 0) & is_lip & ~on_rims).any(axis=1)[between]
     if min(left, right) * view.pixel < MIDDLE * head.size or has_hole.mean() > HOLES:
         return None
     return MouthLine(
