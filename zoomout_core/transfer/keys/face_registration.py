@@ -49,7 +49,10 @@ class FaceRegistrationTuning(Tuning, set_by="faces"):
             last. With three rounds each of 1e-6, 1e-7 and 1e-9, errors of keys are alike, and on a voxel skin with
             closed lips three times as many edges are torn.
         first_bending: factor of the bending energy of the deformation that the map implies: it smooths the map's
-            errors over 1 cm.
+            errors over 2 cm.
+        normal_weight: distance that counts as much as a unit difference of normals where closest points are searched.
+            Larger ones align bumps and folds that two persons do not share. With half of it, lids are matched better,
+            and lips worse.
         rim_weight: weight of a vertex on the rim of a lid or a lip, which the corresponding place on the target
             attracts. With five times as much, errors are alike on the heads that set it, and the largest gap of lids
             grows by a sixth.
@@ -58,15 +61,15 @@ class FaceRegistrationTuning(Tuning, set_by="faces"):
     """
 
     bending: tuple[float, ...] = tuned((1e-6, 1e-8, 1e-8), "at unit area", 1e-12, 1)
-    first_bending: float = tuned(1e-5, "at unit area", 1e-12, 1)
+    first_bending: float = tuned(1e-4, "at unit area", 1e-12, 1)
+    normal_weight: float = tuned(0.05, "at unit area", 0, 10)
     rim_weight: float = tuned(4.0, "mean areas of vertices", 0, 1000)
-    iterations: int = tuned(5, "steps", 1, 1000)
+    iterations: int = tuned(15, "steps", 1, 1000)
     moved: float = tuned(0.02, "1", 0, 1)
 
 
 FACE_REGISTRATION = FaceRegistrationTuning()
 SLIDING = 0.1  # weight of a squared distance along the surface against one across it
-NORMAL_WEIGHT = 0.2  # distance that counts as much as a unit difference of normals
 COMPATIBLE = 0.3  # smallest cosine between normals of partners
 OUTLIER = 6.0  # scale of robust weights, in medians of the distances
 SOLVED = 1e-3  # share of the first residual at which conjugate gradients end
@@ -175,7 +178,8 @@ class _Face:
         stiffness, areas = mesh_laplacian(mesh.vertices, mesh.triangles)
         areas = np.maximum(areas, 1e-3 * areas.mean())  # bounds the energy of slivers
         energy = csc_array(stiffness @ diags_array(1 / areas) @ stiffness)
-        there = OrientedSurface(self.places, self.triangles, np.zeros(len(self.triangles), dtype=bool), NORMAL_WEIGHT)
+        unflipped = np.zeros(len(self.triangles), dtype=bool)
+        there = OrientedSurface(self.places, self.triangles, unflipped, FACE_REGISTRATION.normal_weight)
         displacement = self._first_displacement(energy)
         lids, lips = self._match_lids(displacement), self._match_mouth(displacement)
         rims, shifts = (np.concatenate(each) for each in zip(lids, lips, strict=True))
@@ -206,7 +210,7 @@ class _Face:
         Returns (t,) triangles, (t, 3) barycentric coordinates, and (t,) which of them were found.
         """
         mesh = self.mesh
-        here = OrientedSurface(moved, mesh.triangles, mesh.flipped, NORMAL_WEIGHT)
+        here = OrientedSurface(moved, mesh.triangles, mesh.flipped, FACE_REGISTRATION.normal_weight)
         triangle, weights, distance = here.closest(self.places, self.normals)
         corners = mesh.triangles[triangle]
         normals = vertex_normals(moved, mesh.oriented_triangles)
