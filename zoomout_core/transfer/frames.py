@@ -20,6 +20,7 @@ from scipy.spatial.transform import Rotation
 from zoomout_core.arrays import Booleans, Floats, Integers, segment_sum
 from zoomout_core.geometry.procrustes import MIN_SPREAD, Moments, nearest_rotations, products
 from zoomout_core.geometry.screened_smoothing import ScreenedSmoothing
+from zoomout_core.mesh.triangles import vertex_areas
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.runtime.once import once_per_argument
 from zoomout_core.spectral.laplacian import mesh_laplacian
@@ -137,7 +138,8 @@ class Frames:
         not rotate expressions. In another pose, it varies across joints and hardly within a bone. So the similarity
         that fits a wide neighbourhood best counts where the map deviates from it by little, and by hardly more than
         from those that fit narrow neighbourhoods; then that of all vertices does, where the same holds for it, without
-        a small turn.
+        a small turn. Parts that are smaller than a wide neighbourhood, such as eyelashes, turn like what is beside
+        them.
         """
         size = np.sqrt(self.mapped.source.area) / self.mapped.target.working.scale
         moments, side = self._moments, self._handedness
@@ -156,7 +158,21 @@ class Frames:
             blend = blend + share[:, None, None] * (linear - blend)
         lengths = np.linalg.norm(blend, axis=(1, 2)) / np.sqrt(3)
         lengths = np.clip(lengths, 1 / MAX_RELATIVE_GROWTH, MAX_RELATIVE_GROWTH)
-        return lengths[:, None, None] / size * nearest_rotations(blend, side)
+        turns = lengths[:, None, None] / size * nearest_rotations(blend, side)
+        return np.asarray(turns[self._beside])
+
+    @cached_property
+    def _beside(self) -> Integers:
+        """(n,) the nearest vertex of a large part to each vertex of a small one, and otherwise the vertex itself."""
+        working = self.mapped.target.working
+        area = np.bincount(working.component, vertex_areas(working.vertices, working.triangles))
+        is_small = area[working.component[self.number]] < np.pi * (WIDE * FRAMES.smoothing_length) ** 2
+        large, small = np.flatnonzero(~is_small), np.flatnonzero(is_small)
+        beside = np.arange(len(self.number))
+        if len(large) and len(small):
+            places = working.vertices[self.number]
+            beside[small] = large[cKDTree(places[large]).query(places[small])[1]]
+        return beside
 
     @property
     def growth(self) -> float:
