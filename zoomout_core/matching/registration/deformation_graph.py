@@ -1,11 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Deformation graphs: nodes spread over a mesh that move it (Sumner, Schmid and Pauly, Embedded deformation for shape
 manipulation, 2007), fitted by the Gauss-Newton method.
+
+Other bodies have other proportions, so the rest shape may adapt to the stretch of the surroundings of each node. Then
+only differences of stretch between neighbours cost anything.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -31,6 +34,8 @@ JOINT_SCALE = 0.01
 # surfaces that slide along each other converge slowly: two thirds of the rounds then lead as far.
 OVER_RELAXATION = 1.6
 MOMENTUM = 0.3
+# Weight of no stretch against that of the images of a node's neighbours.
+RIGIDITY = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +80,11 @@ class DeformationGraph:
     rotations: Floats  # (d, 3, 3) of the nodes
     images: Floats  # (d, 3) positions of the nodes
     stride: Floats  # (d, 6) the last step towards closest points: rotation vectors and translations
+    # (d, 3, 3) symmetric matrices that stretch the surroundings of each node before it turns them.
+    stretch: Floats = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.stretch = np.tile(np.eye(3), (len(self.rotations), 1, 1))
 
     @classmethod
     def from_images(
@@ -94,23 +104,38 @@ class DeformationGraph:
         shift = np.einsum("dij,dj->di", rotations, rest[nodes.vertex] - own[:, :3])
         return cls(nodes, rest, normals, rotations, own[:, 3:6] + shift, np.zeros((count, 6)))
 
+    def adapt_stretch(self) -> None:
+        """Adapt the rest shape to how images stretch each node's surroundings: to half of it, with `RIGIDITY` 1."""
+        first, second, bond = self.nodes.first, self.nodes.second, self.nodes.bond[:, None]
+        places = self.rest[self.nodes.vertex]
+        away = places[second] - places[first]
+        images = np.einsum("eji,ej->ei", self.rotations[first], self.images[second] - self.images[first])
+        outer = np.stack([images[:, :, None] * away[:, None], away[:, :, None] * away[:, None]], axis=1)
+        sums = segment_sum(bond * outer.reshape(-1, 18), first, len(self.rotations))
+        pooled = sums + segment_sum(bond * sums[second], first, len(self.rotations))
+        moments = pooled.reshape(-1, 2, 3, 3)
+        spread = np.trace(moments[:, 1], axis1=1, axis2=2)
+        rigid = (RIGIDITY / 3 * spread)[:, None, None] * np.eye(3)
+        linear = (moments[:, 0] + rigid) @ np.linalg.inv(moments[:, 1] + rigid)
+        self.stretch = (linear + linear.transpose(0, 2, 1)) / 2
+
     def offsets(self, vertex: Integers) -> Floats:
-        """(q, c, 3) some vertices, seen from the nodes that move them, as these turn them."""
+        """(q, c, 3) some vertices, seen from the nodes that move them, as these stretch and turn them."""
         near = self.nodes.near[vertex]
         away = self.rest[vertex, None] - self.rest[self.nodes.vertex][near]
-        return np.einsum("qcij,qcj->qci", self.rotations[near], away)
+        return np.einsum("qcij,qcj->qci", (self.rotations @ self.stretch)[near], away)
 
     def deform(self) -> tuple[Floats, Floats, Floats]:
         """(n, 3) all vertices, (n, 3) their normals, and (n, 3, 3) their rotations."""
         near, weight = self.nodes.near, self.nodes.weight
         positions = np.zeros_like(self.rest)
         blends = np.zeros((len(self.rest), 3, 3))
+        linear = self.rotations @ self.stretch
         for node, share in zip(near.T, weight.T, strict=True):
             away = self.rest - take_rows(self.rest, self.nodes.vertex[node])
-            rotations = take_rows(self.rotations, node)
-            turned = np.einsum("nij,nj->ni", rotations, away)
-            positions += share[:, None] * (turned + take_rows(self.images, node))
-            blends += share[:, None, None] * rotations
+            moved = np.einsum("nij,nj->ni", take_rows(linear, node), away)
+            positions += share[:, None] * (moved + take_rows(self.images, node))
+            blends += share[:, None, None] * take_rows(self.rotations, node)
         return positions, np.einsum("nij,nj->ni", blends, self.normals), blends
 
     def step(
@@ -143,7 +168,7 @@ class DeformationGraph:
         """Residuals of neighbouring nodes: of where they put each other, and of their rotations."""
         first, second = self.nodes.first, self.nodes.second
         places = self.rest[self.nodes.vertex]
-        away = np.einsum("eij,ej->ei", self.rotations[first], places[second] - places[first])
+        away = np.einsum("eij,ej->ei", (self.rotations @ self.stretch)[first], places[second] - places[first])
         apart = away + self.images[first] - self.images[second]
         relative = np.einsum("eij,ekj->eik", self.rotations[second], self.rotations[first])
         turn = np.stack([relative[:, i, j] - relative[:, j, i] for i, j in ((2, 1), (0, 2), (1, 0))], axis=1) / 2

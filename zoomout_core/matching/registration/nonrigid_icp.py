@@ -49,6 +49,7 @@ class Level(NamedTuple):
     rounds: int  # maximum number of Gauss-Newton steps
     robust_scale: float = ROBUST_SCALE  # residual, at unit area, from which a correspondence hardly counts
     min_weight: float = MIN_WEIGHT  # smallest weight of a correspondence, also of a rejected one
+    stretches: bool = False  # whether the rest shape adapts to the stretch so far, before the rounds
 
 
 class Pins(NamedTuple):
@@ -63,15 +64,16 @@ PIN_WEIGHT = 0.02
 # Diffusion length, at unit area, that smooths the images to which the target is aligned first.
 ALIGNMENT_WIDTH = 0.06
 # The first levels have few nodes, so that a trunk turns about its axis along with its limbs: nothing else determines
-# the rotation of a round part about its axis.
+# the rotation of a round part about its axis. In the last levels other proportions cost nothing: of 13 FAUST pairs the
+# distance from the true images falls by 7 %, of 20 SMAL pairs by 3.5 %.
 NONRIGID_SCHEDULE = (
     Level(40, 1.0, 0.3, 1),
     Level(40, 0.01, 0.3, 5),
     Level(100, 1.0, 0.3, 1),
     Level(100, 0.02, 0.3, 2),
     Level(200, 1.0, 0.3, 1),
-    Level(200, 0.05, 0.3, 2),
-    Level(200, 0.02, 0.1, 3),
+    Level(200, 0.01, 0.3, 2, stretches=True),
+    Level(200, 0.01, 0.1, 3, stretches=True),
 )
 # A level ends once its nodes move by less than this on average, at unit area.
 CONVERGED_MOTION = 6e-4
@@ -145,7 +147,7 @@ def bend(
 ) -> DeformationGraph:
     """Fit the deformation graph that registers a target to a source."""
     graph = None
-    for i, (count, sliding, stiffness, rounds, robust_scale, min_weight) in enumerate(levels):
+    for i, (count, sliding, stiffness, rounds, robust_scale, min_weight, stretches) in enumerate(levels):
         count = min(count, len(target.distances))
         if graph is None or len(graph.nodes.vertex) != count:
             nodes = Nodes.on(target, count)
@@ -153,6 +155,8 @@ def bend(
             there = QueryPoints(here.vertex[:0], here.areas[:0]) if is_part else QueryPoints.on(around.source, count)
             graph = DeformationGraph.from_images(nodes, rest, normals, positions, target.basis.areas)
             goal = positions
+        if stretches:
+            graph.adapt_stretch()
         for j in range(rounds):
             advance((i + j / rounds) / len(levels))
             positions, turned, _ = graph.deform()

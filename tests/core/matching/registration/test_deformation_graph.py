@@ -213,3 +213,43 @@ def test_vertices_move_with_several_nodes_nearest_first(shape: ShapeAnalysis) ->
     # Connected nodes are near: their geodesic distance is at most a few node spacings.
     between = shape.distances[:40][:, nodes.vertex][nodes.first, nodes.second]
     assert between.max() < 6 * np.sqrt(1 / 40)
+
+
+def stretched(shape: ShapeAnalysis, factor: float) -> tuple[DeformationGraph, np.ndarray]:
+    """A graph that is fitted to a shape's vertices stretched along an axis, and these."""
+    images = shape.mesh.vertices * [factor, 1, 1]
+    nodes = Nodes.on(shape, 60)
+    return DeformationGraph.from_images(
+        nodes, shape.mesh.vertices, shape.mesh.vertex_normals, images, shape.basis.areas
+    ), images
+
+
+def test_stretch_of_surroundings_moves_vertices_closer_to_their_images(shape: ShapeAnalysis) -> None:
+    bending, images = stretched(shape, 1.4)
+    before = np.linalg.norm(bending.deform()[0] - images, axis=1).mean()
+    bending.adapt_stretch()
+    assert np.linalg.norm(bending.deform()[0] - images, axis=1).mean() < 0.75 * before
+    # Half of the stretch, along that axis alone.
+    np.testing.assert_allclose(np.median(bending.stretch, axis=0), np.diag([1.2, 1, 1]), atol=0.05)
+
+
+def test_adapted_nodes_resist_a_stretch_less(shape: ShapeAnalysis) -> None:
+    back = []
+    for adapts in (False, True):
+        bending, images = stretched(shape, 1.2)
+        if adapts:
+            bending.adapt_stretch()
+        start = bending.images.copy()
+        vertex = bending.nodes.vertex
+        step(bending, vertex, 1e-3 * (images - bending.deform()[0])[vertex])
+        back.append(np.abs((bending.images - start)[:, 0]).mean())
+    assert back[1] < 0.7 * back[0]
+
+
+def test_rigid_motion_stretches_nothing(shape: ShapeAnalysis) -> None:
+    rest, turn = shape.mesh.vertices, Rotation.from_rotvec([0.4, -1.0, 2.0]).as_matrix()
+    bending = DeformationGraph.from_images(
+        Nodes.on(shape, 40), rest, shape.mesh.vertex_normals, rest @ turn.T, shape.basis.areas
+    )
+    bending.adapt_stretch()
+    np.testing.assert_allclose(bending.stretch, np.tile(np.eye(3), (40, 1, 1)), atol=1e-9)
