@@ -2,8 +2,8 @@
 """Deformation graphs: nodes spread over a mesh that move it (Sumner, Schmid and Pauly, Embedded deformation for shape
 manipulation, 2007), fitted by the Gauss-Newton method.
 
-Other bodies have other proportions, so the rest shape may adapt to the stretch of the surroundings of each node. Then
-only differences of stretch between neighbours cost anything.
+Other bodies have other proportions, so the rest shape may adapt to the stretch of the surroundings of each node, which
+then costs less.
 """
 
 from __future__ import annotations

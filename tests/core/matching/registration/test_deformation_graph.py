@@ -233,6 +233,14 @@ def test_stretch_of_surroundings_moves_vertices_closer_to_their_images(shape: Sh
     np.testing.assert_allclose(np.median(bending.stretch, axis=0), np.diag([1.2, 1, 1]), atol=0.05)
 
 
+def test_offsets_from_stretched_nodes_lead_to_the_vertices(shape: ShapeAnalysis) -> None:
+    bending, _ = stretched(shape, 1.4)
+    bending.adapt_stretch()
+    vertex, nodes = np.arange(len(bending.rest)), bending.nodes
+    places = bending.offsets(vertex) + bending.images[nodes.near]
+    np.testing.assert_allclose(np.einsum("nc,ncx->nx", nodes.weight, places), bending.deform()[0], atol=1e-12)
+
+
 def test_adapted_nodes_resist_a_stretch_less(shape: ShapeAnalysis) -> None:
     back = []
     for adapts in (False, True):
