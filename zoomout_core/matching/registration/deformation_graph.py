@@ -6,14 +6,16 @@ manipulation, 2007), fitted by the Gauss-Newton method.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
-from scipy.sparse import bsr_array
+from scipy.linalg import solveh_banded
+from scipy.sparse import bsr_array, csr_array
+from scipy.sparse.csgraph import reverse_cuthill_mckee
 from scipy.spatial.transform import Rotation
 
-from zoomout_core.arrays import Floats, Integers, segment_sum, take_rows
+from zoomout_core.arrays import Floats, Integers, SingleFloats, segment_sum, take_rows
 from zoomout_core.geometry.procrustes import Moments, products
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 
@@ -48,21 +50,43 @@ class Nodes:
     def on(cls, target: ShapeAnalysis, count: int) -> Nodes:
         distances = target.distances[:count]
         c = min(NODES_PER_VERTEX, len(distances) - 1)
-        near = np.argpartition(distances, c, axis=0)[: c + 1]
-        order = np.argsort(np.take_along_axis(distances, near, axis=0), axis=0)
-        near = np.take_along_axis(near, order, axis=0)
-        distance = np.take_along_axis(distances, near, axis=0)
-        weight = np.maximum(1 - distance[:c] / np.maximum(distance[c], 1e-300), 1e-6) ** 2
-        near, weight = near[:c].T, (weight / weight.sum(axis=0)).T
-        shared = np.zeros((len(distances), len(distances)))
-        for i in range(c):
-            for j in range(c):
-                np.add.at(shared, (near[:, i], near[:, j]), target.basis.areas * weight[:, i] * weight[:, j])
+        near, distance = _smallest(distances.T, c + 1)
+        weight = np.maximum(1 - distance[:, :c] / np.maximum(distance[:, c:], 1e-300), 1e-6) ** 2
+        near, weight = near[:, :c], weight / weight.sum(axis=1, keepdims=True)
+        count = len(distances)
+        pairs = [(i, j) for i in range(c) for j in range(c)]
+        both = np.concatenate([near[:, i] * count + near[:, j] for i, j in pairs])
+        overlap = np.concatenate([target.basis.areas * weight[:, i] * weight[:, j] for i, j in pairs])
+        shared = segment_sum(overlap, both, count**2).reshape(count, count)
         np.fill_diagonal(shared, 0)
         first, second = np.nonzero(shared > 1e-3 * np.median(shared[shared > 0]))
         bond = shared[first, second]
         bond = bond / np.bincount(first, bond)[first]
-        return cls(target.sampled.samples[: len(distances)], near, weight, first, second, bond)
+        return cls(target.sampled.samples[:count], near, weight, first, second, bond)
+
+    @cached_property
+    def place(self) -> Integers:
+        """(d,) the place of each node in an order in which nodes that share vertices or pairs are close together.
+
+        The system of their motion then has a narrow band (Cuthill and McKee 1969).
+        """
+        (n, c), d = self.near.shape, len(self.vertex)
+        moves = csr_array((np.ones(n * c), self.near.ravel(), c * np.arange(n + 1)), shape=(n, d))
+        pairs = csr_array((np.ones(len(self.first)), (self.first, self.second)), shape=(d, d))
+        return np.argsort(reverse_cuthill_mckee(csr_array(moves.T @ moves + pairs), symmetric_mode=True))
+
+
+def _smallest(values: Floats, count: int) -> tuple[Integers, Floats]:
+    """(n, count) columns of the smallest values (n, d) of each row, in rising order, and (n, count) these values.
+
+    For few of them, a search for each takes a fifth of the time of a partition.
+    """
+    left, rows = values.copy(order="C"), np.arange(len(values))
+    columns = np.empty((len(values), count), dtype=np.int64)
+    for number in range(count):
+        columns[:, number] = left.argmin(axis=1)
+        left[rows, columns[:, number]] = np.inf
+    return columns, np.take_along_axis(values, columns, axis=1)
 
 
 @dataclass(eq=False)
@@ -127,11 +151,11 @@ class DeformationGraph:
         pulling = _Rows(
             near, np.concatenate([turning, shifting], axis=-1), np.einsum("qij,qj->qi", root_weight, residual)
         )
-        matrix, rhs = _normal_equations([pulling, *self._stiffness(stiffness)], len(self.nodes.vertex))
-        diagonal = matrix.diagonal()
-        matrix[np.diag_indices_from(matrix)] = (1 + DAMPING) * diagonal + MIN_DIAGONAL * diagonal.mean()
-        factor = cho_factor(matrix, lower=True, overwrite_a=True, check_finite=False)
-        change = cho_solve(factor, rhs, check_finite=False).astype(np.float64).reshape(-1, 6)
+        matrix, rhs = _normal_equations([pulling, *self._stiffness(stiffness)], self.nodes.place)
+        diagonal = matrix[0]
+        matrix[0] = (1 + DAMPING) * diagonal + MIN_DIAGONAL * diagonal.mean()
+        change = solveh_banded(matrix, rhs, overwrite_ab=True, lower=True, check_finite=False)
+        change = change.astype(np.float64).reshape(-1, 6)[self.nodes.place]
         moved = float(np.linalg.norm(change[:, 3:], axis=1).mean())
         if approaching:
             change = self.stride = OVER_RELAXATION * change + MOMENTUM * self.stride
@@ -175,13 +199,20 @@ def crossing(vectors: Floats) -> Floats:
     return np.stack([zero, z, -y, -z, zero, x, y, -x, zero], axis=-1).reshape(*vectors.shape, 3)
 
 
-def _normal_equations(parts: list[_Rows], count: int) -> tuple[Floats, Floats]:
-    """(6 * count, 6 * count) and (6 * count,) for the motion of `count` nodes, in single precision."""
+def _normal_equations(parts: list[_Rows], place: Integers) -> tuple[SingleFloats, SingleFloats]:
+    """The system for the motion of d nodes, each at its `place` (d,), in single precision.
+
+    Returns (b, 6 d) the diagonal of the symmetric matrix and those below it, and (6 d,) the right-hand side.
+    """
     width = np.concatenate([np.full(len(part.node), part.node.shape[1]) for part in parts])
-    node = np.concatenate([part.node.ravel() for part in parts])
+    node = place[np.concatenate([part.node.ravel() for part in parts])]
     blocks = np.concatenate([part.blocks.reshape(-1, 3, 6) for part in parts], dtype=np.float32)
     goal = np.concatenate([part.goal.ravel() for part in parts], dtype=np.float32)
     start = np.concatenate([[0], np.cumsum(width)])
-    jacobian = bsr_array((blocks, node, start), shape=(3 * len(width), 6 * count))
-    # The transpose of a symmetric matrix is itself, and LAPACK does not copy it.
-    return (jacobian.T @ jacobian).toarray().T, jacobian.T @ goal
+    jacobian = bsr_array((blocks, node, start), shape=(3 * len(width), 6 * len(place)))
+    matrix = (jacobian.T @ jacobian).tocoo()
+    below = matrix.row - matrix.col
+    lower = below >= 0
+    diagonals = np.zeros((below.max() + 1, 6 * len(place)), dtype=np.float32, order="F")
+    diagonals[below[lower], matrix.col[lower]] = matrix.data[lower]
+    return diagonals, jacobian.T @ goal

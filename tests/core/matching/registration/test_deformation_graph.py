@@ -213,3 +213,38 @@ def test_vertices_move_with_several_nodes_nearest_first(shape: ShapeAnalysis) ->
     # Connected nodes are near: their geodesic distance is at most a few node spacings.
     between = shape.distances[:40][:, nodes.vertex][nodes.first, nodes.second]
     assert between.max() < 6 * np.sqrt(1 / 40)
+
+
+def test_motion_does_not_depend_on_the_order_of_nodes() -> None:
+    bending, count = chain(12), 12
+    order = np.random.default_rng(0).permutation(count)
+    number = np.argsort(order)  # of each node in the other order
+    nodes = bending.nodes
+    shuffled = DeformationGraph(
+        Nodes(order, number[nodes.near], nodes.weight, number[nodes.first], number[nodes.second], nodes.bond),
+        bending.rest,
+        bending.normals,
+        bending.rotations[order],
+        bending.images[order],
+        bending.stride[order],
+    )
+    vertex = np.arange(len(bending.rest))
+    residual = np.random.default_rng(1).normal(scale=0.02, size=(len(vertex), 3))
+    assert step(shuffled, vertex, residual) == pytest.approx(step(bending, vertex, residual), rel=1e-4)
+    np.testing.assert_allclose(shuffled.images, bending.images[order], atol=1e-5)
+    np.testing.assert_allclose(shuffled.rotations, bending.rotations[order], atol=1e-4)
+
+
+def test_nodes_that_move_a_vertex_are_close_together_in_the_system(shape: ShapeAnalysis) -> None:
+    nodes = Nodes.on(shape, 100)
+    place = nodes.place[nodes.near]
+    assert sorted(nodes.place) == list(range(100))
+    assert np.ptp(place, axis=1).max() < 50
+    assert np.ptp(nodes.near, axis=1).max() > 80  # in the order of the samples
+
+
+def test_each_vertex_is_moved_by_the_nearest_nodes(shape: ShapeAnalysis) -> None:
+    nodes = Nodes.on(shape, 60)
+    nearest = np.argsort(shape.distances[:60], axis=0, kind="stable")[: nodes.near.shape[1]].T
+    np.testing.assert_array_equal(nodes.near, nearest)
+    assert (np.diff(nodes.weight, axis=1) <= 1e-12).all()
