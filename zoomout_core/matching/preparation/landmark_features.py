@@ -74,7 +74,7 @@ def landmark_features(shape: ShapeAnalysis, vertices: Integers, turning: int | N
     distances = shape.basis.smoothed(distances, LANDMARKS.distance_time)
     turning = len(vertices) if turning is None else min(turning, len(vertices))
     i, j = _each_two(turning)
-    upper = pseudo_scalars(shape.mesh, shape.basis.areas, distances[:, i], distances[:, j])
+    upper = pseudo_scalars(shape.mesh, shape.basis.areas, distances, i, j)
     upper = shape.basis.smoothed(upper, LANDMARKS.turn_time)
     upper /= np.maximum(upper.std(axis=0), 1e-12)
     turns = np.zeros((len(distances), turning, turning))
