@@ -13,6 +13,7 @@ from scipy.sparse import csr_array
 from zoomout_core.arrays import Floats
 from zoomout_core.assets.asset import NORMALS, SHAPE_KEYS, Asset
 from zoomout_core.assets.gltf.append import NewJoint
+from zoomout_core.assets.gltf.springs import Partner
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import unit_vectors
 from zoomout_core.messages import warning
@@ -40,13 +41,13 @@ class DressedAvatar:
         clothes: with the places, keys and skin that they have there. The nodes of the skin are those of the avatar's
             document, and then the new joints.
         joints: the outfit's own joints, for the avatar's document.
-        partners: the avatar's node for nodes of the outfit's other joints.
+        partners: the avatar's node for the other nodes of the outfit.
         notes: sentences for the user.
     """
 
     clothes: Asset
     joints: tuple[NewJoint, ...]
-    partners: Mapping[int, int]
+    partners: Mapping[int, Partner]
     notes: tuple[str, ...]
 
 
