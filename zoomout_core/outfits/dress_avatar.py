@@ -18,7 +18,7 @@ from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import unit_vectors
 from zoomout_core.messages import warning
 from zoomout_core.outfits.parts import mask_of
-from zoomout_core.outfits.skeleton import Fit, bind_clothes, move_skinned
+from zoomout_core.outfits.skeleton import Fit, align_avatars, bind_clothes, move_skinned
 from zoomout_core.runtime.progress import portion
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 from zoomout_core.transfer.dressing.body_keys import follow_keys
@@ -76,6 +76,7 @@ def dress_avatar(
     masks = np.split(mask_of(worn, keep), np.cumsum([len(each.vertices) for each in objects])[:-1])
     unknown = [pattern for pattern in keep if not mask_of(worn, [pattern]).any()]
     with portion(0, FITTED):
+        shape = align_avatars(shape, source, target)
         dressed = carry(source.surface, shape, target.surface, objects, keep=masks, stiffness=stiffness, gap=gap)
     bound = bind_clothes(_place(worn, dressed), Fit(source, shape, objects, dressed.vertices, masks), target)
     with portion(FITTED, CLEARED):

@@ -25,10 +25,11 @@ from zoomout_core.maps.surface_map import interpolation_matrix
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.messages import message, warning
 from zoomout_core.transfer.dressing.body_weights import WeightedBody, follow_weights
+from zoomout_core.transfer.dressing.joint_alignment import JointPairs, align_joints
 from zoomout_core.transfer.rigging.bone_pairs import Skeleton, pair_bones
 from zoomout_core.transfer.rigging.joints import motions_around, move_joints
 from zoomout_core.transfer.rigging.poses import parents_first
-from zoomout_core.transfer.rigging.skinning import normalise, renumber_bones
+from zoomout_core.transfer.rigging.skinning import matrices_of, normalise, renumber_bones
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,6 +100,24 @@ def bind_clothes(clothes: Asset, fit: Fit, target: Asset) -> BoundClothes:
     columns = _columns(clothes.skin, target.skin, pairs, numbers)
     skin = _make_skin(clothes, fit, target, joints, numbers, anchors, columns)
     return BoundClothes(replace(clothes, skin=skin), joints, _partners(clothes, fit, target, pairs), tuple(notes))
+
+
+def align_avatars(shape: Floats, source: Asset, target: Asset) -> Floats:
+    """(n, 3) the shape of one avatar's body, aligned with the joints of another one, see `align_joints`.
+
+    Args:
+        shape: (n, 3) its vertices in the shape of the other body.
+        source: the body of the first avatar.
+        target: that of the other one.
+    """
+    if source.skin is None or target.skin is None or source.document is None or target.document is None:
+        return shape
+    bones, others = (
+        _skeleton(asset, np.flatnonzero(_moving(asset.skin)), _heads(asset))  # type: ignore[arg-type]
+        for asset in (source, target)
+    )
+    weights = csr_array(source.skin.weights[:, np.flatnonzero(_moving(source.skin))])
+    return align_joints(source.surface, shape, target.surface, JointPairs.of(bones, weights, others))
 
 
 def move_skinned(clothes: Asset, skin: Skin | None) -> Asset:
@@ -180,9 +199,8 @@ def _partners(clothes: Asset, fit: Fit, target: Asset, pairs: Mapping[int, int])
 
 def _matrices(motions: Similarities) -> Floats:
     """(j, 4, 4) similarities as matrices."""
-    matrices = np.tile(np.eye(4), (len(motions.scale), 1, 1))
-    matrices[:, :3, :3], matrices[:, :3, 3] = motions.linear, motions.translation
-    return matrices
+    rows = matrices_of(motions)
+    return np.concatenate([rows, np.tile([[0.0, 0, 0, 1]], (len(rows), 1, 1))], axis=1)
 
 
 def _copy_joints(
