@@ -120,7 +120,7 @@ class Document:
 
     @property
     def tree(self) -> dict[str, Any]:
-        """A copy of its JSON."""
+        """A copy of its JSON; that of a file as it was read, without later changes of `gltf`."""
         tree: dict[str, Any] = json.loads(self.gltf.to_json()) if self._file is None else deepcopy(self._file.tree)
         return tree
 
