@@ -163,12 +163,47 @@ def test_every_branch_of_a_chain_swings_once() -> None:
     copy_springs(made, springs(0), copies, {})
     given = made["extensions"]["VRMC_springBone"]["springs"]
     assert [[joint["node"] for joint in each["joints"]] for each in given] == [[1, 2, 4, 5], [3, 6]]
+    # Empty tables are not valid.
+    assert set(made["extensions"]["VRMC_springBone"]) == {"specVersion", "springs"}
     # In VRM 0, the root has all of them.
     back = tree(0, nodes)
     branches = springs(1, chain=(1, 2, 4))
     branches["extensions"]["VRMC_springBone"]["springs"].append({"joints": [{"node": 3}]})
     copy_springs(back, branches, copies, {})
     assert [each["bones"] for each in back["extensions"]["VRM"]["secondaryAnimation"]["boneGroups"]] == [[1]]
+
+
+@pytest.mark.parametrize("version", [0, 1])
+def test_springs_of_the_avatar_keep_their_numbers(version: int) -> None:
+    made = tree(version, NODES)
+    copy_springs(made, springs(version), COPIES, {0: Partner(0)})
+    one, groups = spring_of(made), "colliderGroups"
+    copy_springs(made, springs(version), COPIES, {0: Partner(0, AXES)})
+    rows = made["extensions"]["VRM"]["secondaryAnimation"] if version == 0 else made["extensions"]["VRMC_springBone"]
+    table = "boneGroups" if version == 0 else "springs"
+    both = rows[table]
+    for chain, place in zip(both, (PLACE, AXES[:3, :3] @ PLACE + AXES[:3, 3]), strict=True):
+        rows[table] = [chain]
+        ((_, found, _),) = spring_of(made)["colliders"]
+        np.testing.assert_allclose(found, place)
+    rows[table] = both[:1]
+    assert spring_of(made) == one
+    assert len(rows[groups]) == 2 * (2 - version)
+
+
+def test_thin_capsules_become_few_spheres() -> None:
+    made, given = tree(0, NODES), springs(1)
+    given["extensions"]["VRMC_springBone"]["colliders"][0]["shape"] = {
+        "capsule": {"offset": [0, 0, 0], "radius": 0, "tail": [0, 0, 1]}
+    }
+    copy_springs(made, given, COPIES, {0: Partner(0)})
+    assert len(spring_of(made)["colliders"]) < 50
+
+
+def test_ends_of_chains_have_no_values() -> None:
+    made, given = tree(0, NODES), springs(1)
+    given["extensions"]["VRMC_springBone"]["springs"][0]["joints"][-1] = {"node": 2}
+    assert copy_springs(made, given, COPIES, {0: Partner(0)}) == []
 
 
 def test_capsules_become_spheres_along_them() -> None:

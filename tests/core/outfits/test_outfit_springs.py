@@ -32,7 +32,14 @@ def as_vrm(given: Path, path: Path, version: int, *, has_springs: bool) -> None:
         humanoid = {"humanBones": [{"bone": name, "node": node} for name, node in bones.items()]}
         swinging = {
             "boneGroups": [
-                {"comment": "tassel", "center": -1, "stiffiness": 0.7, "bones": [ROOT], "colliderGroups": [0]}
+                {
+                    "comment": "tassel",
+                    "center": -1,
+                    "stiffiness": 0.7,
+                    "hitRadius": 0.05,
+                    "bones": [ROOT],
+                    "colliderGroups": [0],
+                }
             ],
             "colliderGroups": [{"node": SPINE, "colliders": [{"offset": {"x": 0, "y": 0, "z": -0.3}, "radius": 0.1}]}],
         }
@@ -54,7 +61,7 @@ def as_vrm(given: Path, path: Path, version: int, *, has_springs: bool) -> None:
                 "springs": [
                     {
                         "name": "tassel",
-                        "joints": [{"node": node, "stiffness": 0.7} for node in NODES],
+                        "joints": [{"node": node, "stiffness": 0.7, "hitRadius": 0.05} for node in NODES],
                         "colliderGroups": [0],
                     }
                 ],
@@ -88,6 +95,14 @@ def chains_of(tree: dict[str, Any]) -> list[tuple[list[str], list[str], float]]:
             for each in given["springs"]
         ]
     return [([nodes[n]["name"] for n in chain], [nodes[n]["name"] for n in near], k) for chain, near, k in found]
+
+
+def hit_radius_of(path: Path) -> float:
+    """The radius of the joints of the only chain, or of its first one."""
+    extensions = parse_gltf(path.read_bytes())[0]["extensions"]
+    if "VRM" in extensions:
+        return float(extensions["VRM"]["secondaryAnimation"]["boneGroups"][0]["hitRadius"])
+    return float(extensions["VRMC_springBone"]["springs"][0]["joints"][0]["hitRadius"])
 
 
 def sphere_of(path: Path) -> tuple[np.ndarray, float]:
@@ -128,7 +143,8 @@ def test_chains_swing_on_the_other_avatar(version: int, other: int, dolls: Path,
     # The collider stays in its place inside the body, which its bone does not follow.
     place, radius = sphere_of(output)
     assert np.linalg.norm(place - [0, HEIGHTS["Spine"], 0.3 + 0.5]) < 0.1
-    assert 1 < radius / 0.1 < 1.15
+    assert 1.01 < radius / 0.1 < 1.15
+    assert 1.01 < hit_radius_of(output) / 0.05 < 1.15
 
 
 def test_partners_know_the_axes_of_both_bones(dolls: Path) -> None:

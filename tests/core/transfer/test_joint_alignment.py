@@ -64,6 +64,18 @@ def test_skin_that_slid_along_bones_returns_to_their_joints(unit: float) -> None
     np.testing.assert_allclose(on_skin(found / unit), found / unit, atol=0.005)
 
 
+@pytest.mark.parametrize("unit", [1.0, 100.0])
+def test_skin_stays_on_the_side_that_faces_its_way(unit: float) -> None:
+    """Even if the lining of the body, which faces inwards, is nearer where the rod grows thicker."""
+    lining = Surface(0.98 * BODY.vertices, BODY.triangles[:, ::-1])
+    skin = Surface.joined([BODY, lining])
+    body, skin = (each.with_vertices(unit * each.vertices) for each in (BODY, skin))
+    joints = JointPairs(unit * HEADS, unit * HEADS, PARENTS, WEIGHTS)
+    found = align_joints(body, unit * SLID, skin, joints)[MIDDLE] / unit
+    radius = np.linalg.norm(found[:, :2], axis=1) / (0.15 * np.sqrt(1 - found[:, 2] ** 2))
+    assert radius.min() > 0.985
+
+
 def test_a_right_shape_is_kept() -> None:
     assert error(align(BODY.vertices)) < 1e-3
 

@@ -29,6 +29,8 @@ NUMBERS = (
     ("hitRadius", "hitRadius", 0.0),
 )
 DOWN = (0.0, -1.0, 0.0)
+# Values that differ by a smaller share are alike: radii grow with the surroundings of each joint.
+ALIKE = 0.1
 # Length of the end of a chain of VRM 0, in metres.
 END = 0.07
 # Shorter nodes have no direction.
@@ -148,7 +150,7 @@ def to_version_0(rows: Tree, made: Tree) -> tuple[Tree, list[str]]:
             {name_0: number_of(joint, name, default) for name_0, name, default in NUMBERS}
             for joint in [first, *others[:-1]]
         ]
-        differ = differ or any(each != values for each in of_others)
+        differ = differ or not all(np.allclose([*each.values()], [*values.values()], ALIKE) for each in of_others)
         chains.append(
             {
                 "comment": str(spring.get("name", "")),
