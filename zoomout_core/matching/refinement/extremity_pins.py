@@ -109,4 +109,5 @@ def _tips(shape: ShapeAnalysis) -> _Tips:
     vertices, persistence = maxima(shape)
     vertices = vertices[persistence > EXTREMITIES.lesser_persistence][: EXTREMITIES.max_count]
     graph = edge_graph(shape.mesh.vertices, shape.mesh.triangles)
-    return _Tips(vertices, np.asarray(dijkstra(graph, indices=vertices)).reshape(len(vertices), -1))
+    distances = np.asarray(dijkstra(graph, indices=vertices))
+    return _Tips(vertices, distances.reshape(len(vertices), len(shape.mesh.vertices)))
