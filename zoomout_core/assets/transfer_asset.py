@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
+from zoomout_core.assets.add_joints import add_joints
 from zoomout_core.assets.asset import COLOR, MATERIALS, NORMALS, SHAPE_KEYS, UV, WEIGHTS, Asset, Skin, kind_of, to_rest
 from zoomout_core.assets.check_rig import check_rig
 from zoomout_core.assets.gltf.move_skin import move_skin
@@ -85,9 +86,11 @@ def transfer_asset(
         fill_below: confidence below which values are filled in from around, see `transfer.transfer`.
         max_weights: how many joints a vertex may have; as many as on the source, when not given.
         move_rig: move the joints into the target, which keeps its own size, and compare how it plays the animations;
-            otherwise it takes the size of the source, whose joints stay where they are.
+            otherwise it takes the size of the source, whose joints stay where they are. With a mask, add the joints
+            that move the part to those of the target, and give the part their weights.
         mask: (n_t,) share of the source's data at each vertex of the target, in [0, 1], so that several sources may
-            share a target: the rest of its data, its joints and its weights are its own. None to receive all.
+            share a target: the rest of its data is its own, as are its joints and, unless `move_rig` is set, its
+            weights. None to receive all.
 
     Raises:
         MeshError: the source has no data of these kinds, it has no skin to move, or the map is of other surfaces.
@@ -108,7 +111,8 @@ def transfer_asset(
         raise ValueError(f"Unknown kind {unknown[0]!r}: choose from {', '.join(KINDS)}.")
     part = None
     if mask is not None:
-        part, kinds = Blend(mask=mask_of(mask, target.surface)), without_weights(kinds)
+        part = Blend(mask=mask_of(mask, target.surface))
+        kinds = kinds if move_rig else without_weights(kinds)
     chosen, skin = select_data(source, kinds)
     if move_rig and skin is None:
         raise MeshError("The source has no joints to move: choose a rigged source, and transfer its skin weights.")
@@ -134,7 +138,12 @@ def transfer_asset(
     else:
         asset, of_rest = keep_rest(target, asset, [each.name for each in chosen], part)
         notes += of_rest
-    if skin is not None:
+    if skin is not None and part is not None:
+        with stage("Adding joints", 0.7, 1.0):
+            own_weights = skin_weights(skin, mapped, max_weights)
+            asset, of_joints = add_joints(source, asset, mapped, own_weights, mask_of(part.mask, target.surface))
+            notes += of_joints
+    elif skin is not None:
         with stage("Binding to the joints", 0.7, 1.0):
             own, at_rest, found = _bind(source, skin, mapped, shape, max_weights)
             document = source.document
@@ -181,7 +190,9 @@ def without_weights(kinds: Collection[str]) -> list[str]:
     """
     chosen = [kind for kind in kinds if kind != WEIGHTS]
     if not chosen:
-        raise MeshError("A part of a target keeps its joints and their weights: choose other data for it.")
+        raise MeshError(
+            "A part of a target keeps its joints and their weights: choose other data for it, or move the rig."
+        )
     return chosen
 
 

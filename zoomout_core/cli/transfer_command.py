@@ -81,14 +81,15 @@ MATCHED = 0.8
 @click.option(
     "--move-rig",
     is_flag=True,
-    help="Move the joints of SOURCE into TARGET, which keeps its own size and build.",
+    help="Move the joints of SOURCE into TARGET, which keeps its own size and build. With --only, those that move the "
+    "part are added to the joints of TARGET.",
 )
 @click.option(
     "--only",
     multiple=True,
     metavar="PATTERN",
-    help="Transfer only to these joints of TARGET with those below them, or meshes, such as 'Head*'; all other data, "
-    "the joints and their weights stay. May be repeated.",
+    help="Transfer only to these joints of TARGET with those below them, or meshes, such as 'Head*'; all other data "
+    "stay, as do the joints and, without --move-rig, their weights. May be repeated.",
 )
 @click.option(
     "--key-names",
@@ -132,7 +133,8 @@ def transfer(
     target moves as SOURCE does. OBJ provides texture coordinates, colours and materials, PLY texture coordinates and
     colours. Other formats provide only a shape.
 
-    Several sources may share a target: transfer the body first, and then, from another source, --only the head.
+    Several sources may share a target: transfer the body first, and then, from another source, --only the head; with
+    --move-rig also the joints of its face, below the head of the first.
 
     A folder among TARGETS stands for the meshes in it. In an output folder each file is named after its target, and
     report.json has the result of each; a target that fails does not affect the others.
@@ -153,10 +155,10 @@ def transfer(
         for job in jobs:
             check_siblings(job.output, inputs)
         check_compression(jobs[0].output, compression)
-        if only:
+        if only and not move_rig:
             wanted = without_weights(wanted)
-        if only and (move_rig or keep_map):
-            raise OptionError("--only works without --move-rig and --keep-map, which are for a single source.")
+        if only and keep_map:
+            raise OptionError("--only works without --keep-map, which is for a single source.")
         arguments, asset = start_arguments(**options), read_asset(source, folders)
         wanted_shape = shape.replace("-", " ")
         choices = candidate, force, wanted, wanted_shape, move_rig, only, key_names, keep_map, compression, arguments
@@ -246,7 +248,7 @@ def _run_job(
     """Transfer to one target, and write it; returns the lines of its outcome, and fills in its report."""
     target = read_asset(job.target, folders)
     check_writable(target, job.target, job.output.suffix)
-    check_avatar(base_of(source, target, kinds), job.output)
+    check_avatar(target if only else base_of(source, target, kinds), job.output)
     mask = mask_of_parts(target, only) if only else None
     with portion(0.0, MATCHED):
         result = match(source.surface, target.surface, **arguments)
@@ -270,7 +272,7 @@ def _run_job(
             written, keys, named = rename_keys(made.asset, key_names)
             report["key_names"] = asdict(keys)
         left_out = write_asset(written, job.output, inputs, compression)
-    received = [*made.received, *(["skin weights"] if made.asset.skin is not None else [])]
+    received = [*made.received, *(["skin weights"] if WEIGHTS in kinds and source.skin is not None else [])]
     notes = [*report["notes"], *made.notes, *named, *left_out]
     report |= {"transferred": received, **note_figures(notes)}
     if move_rig:

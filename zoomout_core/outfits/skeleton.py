@@ -17,14 +17,14 @@ from scipy.sparse import csr_array, vstack
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.assets.asset import Asset, Skin, to_rest
 from zoomout_core.assets.gltf.append import NewJoint
-from zoomout_core.assets.gltf.avatars import read_avatar
+from zoomout_core.assets.skeletons import make_unique, skeleton_of
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.geometry.procrustes import nearest_rotations
 from zoomout_core.maps.surface_map import interpolation_matrix
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.messages import message, warning
 from zoomout_core.transfer.dressing.body_weights import WeightedBody, follow_weights
-from zoomout_core.transfer.rigging.bone_pairs import Skeleton, pair_bones
+from zoomout_core.transfer.rigging.bone_pairs import pair_bones
 from zoomout_core.transfer.rigging.joints import move_joints
 from zoomout_core.transfer.rigging.poses import parents_first
 from zoomout_core.transfer.rigging.skinning import normalise, renumber_bones
@@ -133,23 +133,15 @@ def _pair_joints(clothes: Asset, own: Booleans, fit: Fit, target: Asset) -> dict
     heads = move_joints(fit.body.surface, fit.shape, _heads(clothes)).positions
     sides = [(clothes, ~own, heads), (target, _moving(target.skin), _heads(target))]  # type: ignore[arg-type]
     chosen = [np.flatnonzero(kept) for _, kept, _ in sides]
-    bones, others = (_skeleton(asset, joints, places) for (asset, _, places), joints in zip(sides, chosen, strict=True))
+    bones, others = (
+        skeleton_of(asset, joints, places) for (asset, _, places), joints in zip(sides, chosen, strict=True)
+    )
     pairs = pair_bones(bones, others, size)
     number, other = (
         dict(zip(skeleton.names, joints.tolist(), strict=True))
         for skeleton, joints in zip((bones, others), chosen, strict=True)
     )
     return {number[name]: other[pairs[name]] for name in pairs}
-
-
-def _skeleton(asset: Asset, joints: Integers, heads: Floats) -> Skeleton:
-    """Some joints of an asset; a parent that is none of them is left out."""
-    assert asset.skin is not None
-    number = {joint: new for new, joint in enumerate(joints.tolist())}
-    parents = np.array([number.get(above, -1) for above in asset.skin.parents[joints].tolist()], dtype=np.int64)
-    avatar = read_avatar(asset.document)
-    names = [asset.skin.names[joint] for joint in joints]
-    return Skeleton(names, parents, heads[joints], None if avatar is None else avatar.humanoid)
 
 
 def _heads(asset: Asset) -> Floats:
@@ -201,7 +193,7 @@ def _copy_joints(
             parent_node = int(target.skin.nodes[anchor])
             parent_world = of_target[parent_node]
         world[node] = np.block([[rotation, place[:, None]], [np.zeros((1, 3)), np.ones((1, 1))]])
-        name = _make_unique(document.gltf.nodes[node].name or f"Joint {node}", taken)
+        name = make_unique(document.gltf.nodes[node].name or f"Joint {node}", taken)
         made.append(NewJoint(name, parent_node, np.linalg.solve(parent_world, world[node]), node))
         numbers[node] = first + len(anchors)
         anchors.append(anchor)
@@ -230,16 +222,6 @@ def _anchor(joint_of: Mapping[int, int], pairs: Mapping[int, int], node: int, pa
             return pairs[joint_of[node]]
         node = int(parent[node])
     return 0
-
-
-def _make_unique(name: str, taken: set[str]) -> str:
-    """A name that is not taken; it is taken afterwards."""
-    found, copy = name, 1
-    while found in taken:
-        copy += 1
-        found = f"{name} {copy}"
-    taken.add(found)
-    return found
 
 
 def _columns(skin: Skin, of_target: Skin, pairs: Mapping[int, int], numbers: Mapping[int, int]) -> Integers:
