@@ -322,8 +322,8 @@ def _step(fit: _Fit, tree: _Tree, now: Similarities, normals: Floats | None = No
     matrices = matrices_of(now)
     centre = transform_points(matrices, middle)
     directions = _directions(matrices, centre)
-    system = np.einsum("baix,bkxy,kciy->bakc", directions, fit.pairs, directions, optimize=True)
-    residual = fit.singles - np.einsum("kix,kbxy->biy", matrices, fit.pairs, optimize=True)
+    system = _between_bones(directions, fit.pairs)
+    residual = fit.singles - np.tensordot(matrices, fit.pairs, ((0, 2), (0, 2))).swapaxes(0, 1)
     load = np.einsum("baix,bix->ba", directions, residual)
     if normals is not None:
         along, pull = _along_normals(fit, now, centre, normals)
@@ -335,6 +335,18 @@ def _step(fit: _Fit, tree: _Tree, now: Similarities, normals: Floats | None = No
     turn = Rotation.from_rotvec(change[:, 0]).as_matrix()
     translation = np.einsum("bxy,by->bx", turn, now.translation - centre) + centre + change[:, 1]
     return Similarities(now.scale, turn @ now.rotation, translation)
+
+
+def _between_bones(directions: Floats, pairs: Floats) -> Floats:
+    """(b, 6, b, 6) products of derivatives (b, 6, 3, 4) of two bones, by moments of pairs of bones (b, b, 4, 4).
+
+    Most pairs have no common vertex, and are left out.
+    """
+    bone, other = np.nonzero(pairs[:, :, 3, 3])
+    half = directions[bone].reshape(-1, 18, 4) @ pairs[bone, other]
+    system = np.zeros((len(pairs), 6, len(pairs), 6))
+    system[bone, :, other] = half.reshape(-1, 6, 12) @ directions[other].reshape(-1, 6, 12).swapaxes(1, 2)
+    return system
 
 
 def _directions(matrices: Floats, centre: Floats) -> Floats:
