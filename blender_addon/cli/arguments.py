@@ -121,12 +121,16 @@ def _add_carry(parser: argparse.ArgumentParser) -> None:
     parser.description = (
         "Transfer the data of the visible meshes in the file SOURCE to those in the file TARGET. Each file is "
         "matched as one body, unless a map is given. Supported files are .blend, .fbx, .glb, .gltf, .obj, .ply and "
-        ".stl. Data that the targets do not use is not copied."
+        ".stl; SOURCE may also be an asset in one, such as pack.blend/Collection/Hero. Data that the targets do not "
+        "use is not copied."
     )
     _add_two_files(parser)
     parser.add_argument("--data", nargs="+", choices=DATA, default=USUAL_DATA, metavar="KIND", help=", ".join(DATA))
     for group in (BlendOptions, BindChoice, BindOptions):
         _add_options(parser, group)
+    parser.add_argument(
+        "--move-rig", action="store_true", help="bind to a copy of the armature whose bones move into the target"
+    )
 
 
 def _add_two_files(parser: argparse.ArgumentParser) -> None:

@@ -8,23 +8,29 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from enum import StrEnum
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
+from zoomout_core.assets.asset import Asset, Skin
 from zoomout_core.assets.files import check_avatar, inputs_of, read_asset, write_asset
 from zoomout_core.assets.transfer_asset import KINDS, base_of, transfer_asset
 from zoomout_core.collection.shapes import content_key
 from zoomout_core.collection.tasks import write_whole
+from zoomout_core.collection.through_blender import carry_pair, read_item
 from zoomout_core.colors import place_colors
 from zoomout_core.drawing import encode_png
 from zoomout_core.library.library import NOT_PREPARED, Library
 from zoomout_core.library.pictures import draw_bound, draw_colored, draw_pair
 from zoomout_core.library.search import FoundSources, LibraryAsset, search
+from zoomout_core.map_files import save_match
 from zoomout_core.matching.pipeline import match
 from zoomout_core.matching.report.verdict import RED, Verdict, check_verdict
+from zoomout_core.matching.result import MatchResult
 from zoomout_core.mesh.formats.blender_files import ENDINGS as OF_BLENDER
-from zoomout_core.mesh.formats.blender_files import split_asset
+from zoomout_core.mesh.formats.blender_files import IMPORTED, SOURCE, TARGET, split_asset
+from zoomout_core.mesh.formats.files import read_surface
 from zoomout_core.mesh.formats.opening import existing, file_bytes
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.messages import NO_MEMORY, from_json, to_json
@@ -108,6 +114,8 @@ def find_all(
 ) -> FoundForAll:
     """Find the source of each target, and write the target with its data to `targets/NAME.glb` in a folder.
 
+    From a source that only Blender reads, Blender transfers, and writes the target in the format of that source.
+
     Args:
         targets: files of meshes, by a name for the results.
         libraries: where the sources are.
@@ -168,35 +176,22 @@ def _find(
     with portion(0, SEARCHED):
         found = search(target.surface, assets, compare)
     result = found.ranked[0].match if found.ranked else None
-    output, notes, skin = "", list[str](), None
+    output, notes = "", list[str]()
+    skin: Skin | None = None
     if found.best is None:
         verdict = Verdict(RED, str(found.refusal), "")
     elif carry is Carry.NOTHING:
         assert result is not None
         verdict = result.verdict
     else:
-        if split_asset(found.best.path)[0].suffix.lower() in OF_BLENDER:
-            raise MeshError(
-                f"The best source is {found.best.path}, from which only Blender can transfer: export it as .glb, or "
-                "use Blender's sidebar."
-            )
-        source = read_asset(found.best.path)
-        if carry is Carry.RIG and source.skin is None:
-            raise MeshError(
-                f"The best source, {found.best.path}, has no joints to move: leave out --move-rig, or rig it."
-            )
-        with portion(SEARCHED, MATCHED):
-            result = match(source.surface, target.surface)
+        ending = split_asset(found.best.path)[0].suffix.lower()
+        if ending in OF_BLENDER:
+            output = f"{MADE}/{name}{ending}"
+            result, skin, notes = _transfer_through_blender(found.best.path, path, folder / output, carry, force)
+        else:
+            output = f"{MADE}/{name}.glb"
+            result, skin, notes = _transfer(found.best.path, target, path, folder / output, carry, force)
         verdict = result.verdict
-        check_verdict(verdict, force)
-        with portion(MATCHED, 1):
-            made = transfer_asset(source, target, result, TRANSFERRED, move_rig=carry is Carry.RIG)
-        output = f"{MADE}/{name}.glb"
-        (folder / output).parent.mkdir(parents=True, exist_ok=True)
-        check_avatar(base_of(source, target, TRANSFERRED), folder / output)
-        left_out = write_asset(made.asset, folder / output, inputs_of(path, found.best.path))
-        skin = made.asset.skin
-        notes = [*source.notes, *target.notes, *result.notes, *made.notes, *left_out]
     if found.part is not None:
         notes.append(found.part.sentence)
     record = TargetRecord(
@@ -218,6 +213,57 @@ def _find(
     write_whole(place_of_picture(folder, name), encode_png(np.concatenate(pictures, axis=1)))
     write_whole(folder / RECORDS / f"{name}.json", json.dumps(to_json(asdict(record)), indent=1).encode())
     return record
+
+
+def _transfer(
+    source_path: Path, target: Asset, path: Path, output: Path, carry: Carry, force: bool
+) -> tuple[MatchResult, Skin | None, list[str]]:
+    """Transfer from a source to a target, and write it.
+
+    Returns:
+        The match, the skin of the written target, and sentences for the user.
+
+    Raises:
+        MeshError: a file cannot be read, the source has no joints to move, or the match is probably wrong.
+        OutputError: the target cannot be written.
+    """
+    source = read_asset(source_path)
+    if carry is Carry.RIG and source.skin is None:
+        raise MeshError(f"The best source, {source_path}, has no joints to move: leave out --move-rig, or rig it.")
+    with portion(SEARCHED, MATCHED):
+        result = match(source.surface, target.surface)
+    check_verdict(result.verdict, force)
+    with portion(MATCHED, 1):
+        made = transfer_asset(source, target, result, TRANSFERRED, move_rig=carry is Carry.RIG)
+    output.parent.mkdir(parents=True, exist_ok=True)
+    check_avatar(base_of(source, target, TRANSFERRED), output)
+    left_out = write_asset(made.asset, output, inputs_of(path, source_path))
+    return result, made.asset.skin, [*source.notes, *target.notes, *result.notes, *made.notes, *left_out]
+
+
+def _transfer_through_blender(
+    source: Path, target: Path, output: Path, carry: Carry, force: bool
+) -> tuple[MatchResult, None, list[str]]:
+    """The same for a source that only Blender reads; it writes the target.
+
+    Raises:
+        MeshError: Blender is missing or cannot read a file, or the match is probably wrong.
+        OutputError: the target cannot be written.
+    """
+    with TemporaryDirectory(prefix="zoomout-") as folder:
+        of_source, of_target = (Path(folder, f"{role}.ply") for role in (SOURCE, TARGET))
+        read_item(source, SOURCE, of_source, True, None)
+        known = target.suffix.lower() in (*OF_BLENDER, *IMPORTED)
+        read_item(target, TARGET, of_target, known, None)
+        with portion(SEARCHED, MATCHED):
+            result = match(read_surface(of_source), read_surface(of_target))
+        check_verdict(result.verdict, force)
+        map_file, record = Path(folder, "map.npz"), Path(folder, "record.json")
+        save_match(result, map_file)
+        kinds, moves = tuple(TRANSFERRED), carry is Carry.RIG
+        with portion(MATCHED, 1):
+            notes = carry_pair(source, target if known else of_target, map_file, output, kinds, record, None, moves)
+    return result, None, [*result.notes, *notes]
 
 
 def _rows(found: FoundSources) -> list[dict[str, Any]]:

@@ -12,6 +12,7 @@ import pytest
 from click.testing import CliRunner
 from scipy.sparse import csr_array
 
+import zoomout_core as zo
 from zoomout_core.assets.asset import Asset, Skin
 from zoomout_core.assets.files import read_asset, write_asset
 from zoomout_core.cli import main
@@ -115,8 +116,42 @@ def test_unsuitable_source_fails_only_its_target(
     assert "has no joints to move" in report["failures"]["scan"]
     best = FoundSource(library / "hero.blend", 0.4, 0.97, 0.06)
     monkeypatch.setattr(batch, "search", lambda *_: FoundSources((best,), best.path, ""))
-    assert "only Blender can transfer" in run(*arguments, "--transfer")[1]["failures"]["scan"]
+    monkeypatch.setenv("ZOOMOUT_BLENDER", "missing")
+    assert "There is no program missing" in run(*arguments, "--transfer")[1]["failures"]["scan"]
     assert not (tmp_path / "out" / "targets").exists()
+
+
+@pytest.mark.parametrize(("option", "moves"), [("--transfer", False), ("--move-rig", True)])
+def test_blender_transfers_from_its_own_files(
+    folders: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, option: str, moves: bool
+) -> None:
+    library, scans = folders
+    pack = library / "pack.blend"
+    pack.touch()
+    best = FoundSource(pack / "Collection" / "Hero", 0.4, 0.97, 0.06)
+    monkeypatch.setattr(batch, "search", lambda *_: FoundSources((best,), best.path, ""))
+    read: list[tuple[Path, str, bool]] = []
+
+    def read_item(path: Path, role: str, output: Path, known: bool, _: str | None) -> None:
+        read.append((path, role, known))
+        write_shape(zo.read_surface(library / "hero.glb" if role == "source" else path), output)
+
+    def carry_pair(source: Path, target: Path, map_file: Path, output: Path, *rest: object) -> tuple[str, ...]:
+        assert (source, target) == (best.path, scans / "scan.ply")
+        zo.SurfaceMap.load(map_file, zo.read_surface(library / "hero.glb"))
+        assert rest[-1] is moves
+        output.parent.mkdir(parents=True)
+        output.write_text("written by Blender")
+        return ("Blender said this.",)
+
+    monkeypatch.setattr(batch, "read_item", read_item)
+    monkeypatch.setattr(batch, "carry_pair", carry_pair)
+    code, report = run(scans / "scan.ply", "--library", library, "-o", tmp_path / "out", option, "--force")
+    assert not report["failures"]
+    (row,) = report["targets"]
+    assert (code, row["output"], row["source"]) == (0, "targets/scan.blend", str(best.path))
+    assert "Blender said this." in row["notes"]
+    assert read == [(best.path, "source", True), (scans / "scan.ply", "target", True)]
 
 
 def test_rejected_source_is_pictured_with_the_reason(
