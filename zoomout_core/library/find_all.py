@@ -32,7 +32,7 @@ from zoomout_core.mesh.formats.blender_files import ENDINGS as OF_BLENDER
 from zoomout_core.mesh.formats.blender_files import IMPORTED, SOURCE, TARGET, split_asset
 from zoomout_core.mesh.formats.files import read_surface
 from zoomout_core.mesh.formats.opening import existing, file_bytes
-from zoomout_core.mesh.surface import MeshError
+from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.messages import NO_MEMORY, from_json, to_json
 from zoomout_core.runtime.progress import portion, renaming
 from zoomout_core.runtime.version import package_version
@@ -256,7 +256,7 @@ def _transfer_through_blender(
         known = target.suffix.lower() in (*OF_BLENDER, *IMPORTED)
         read_item(target, TARGET, of_target, known, None)
         with portion(SEARCHED, MATCHED):
-            result = match(read_surface(of_source), read_surface(of_target))
+            result = match(*(_stand_up(read_surface(each)) for each in (of_source, of_target)))
         check_verdict(result.verdict, force)
         map_file, record = Path(folder, "map.npz"), Path(folder, "record.json")
         save_match(result, map_file)
@@ -264,6 +264,11 @@ def _transfer_through_blender(
         with portion(MATCHED, 1):
             notes = carry_pair(source, target if known else of_target, map_file, output, kinds, record, None, moves)
     return result, None, [*result.notes, *notes]
+
+
+def _stand_up(surface: Surface) -> Surface:
+    """A surface whose z axis is up, as in Blender, with its y axis up, as pictures are drawn."""
+    return surface.with_vertices(surface.vertices[:, [0, 2, 1]] * [1, 1, -1])
 
 
 def _rows(found: FoundSources) -> list[dict[str, Any]]:

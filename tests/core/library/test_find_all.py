@@ -144,6 +144,9 @@ def test_blender_transfers_from_its_own_files(
         output.write_text("written by Blender")
         return ("Blender said this.",)
 
+    drawn: list[np.ndarray] = []
+    draw_pair = batch.draw_pair
+    monkeypatch.setattr(batch, "draw_pair", lambda result: drawn.append(result.source.vertices) or draw_pair(result))
     monkeypatch.setattr(batch, "read_item", read_item)
     monkeypatch.setattr(batch, "carry_pair", carry_pair)
     code, report = run(scans / "scan.ply", "--library", library, "-o", tmp_path / "out", option, "--force")
@@ -151,6 +154,8 @@ def test_blender_transfers_from_its_own_files(
     (row,) = report["targets"]
     assert (code, row["output"], row["source"]) == (0, "targets/scan.blend", str(best.path))
     assert "Blender said this." in row["notes"]
+    # Blender's z axis is up, and y in pictures.
+    np.testing.assert_allclose(drawn[0], zo.read_surface(library / "hero.glb").vertices[:, [0, 2, 1]] * [1, 1, -1])
     assert read == [(best.path, "source", True), (scans / "scan.ply", "target", True)]
 
 
