@@ -79,7 +79,8 @@ class MotionCheck:
         sliding: mean speed along the ground, relative to the source's, of points that stand there on the source; per
             second.
         sinking: how much deeper its lowest point is below the ground than the source's, at most.
-        floating: how much higher its lowest point is while the source stands on the ground, at most.
+        floating: how much higher its lowest point is than the source's, while that is on the ground, or below, which
+            counts as on it; at most.
         parting: how much farther apart points are that touch on the source, such as a hand and the hips, at most.
     """
 
@@ -140,7 +141,7 @@ def check_motions(
                 motion.name,
                 _sliding(images, after, standing, up) / motion.step,
                 float((np.minimum(low, 0) - own_low).max(initial=0)),
-                float((own_low - low)[standing.any(axis=0)].max(initial=0)),
+                float((own_low - np.maximum(low, 0))[standing.any(axis=0)].max(initial=0)),
                 _parting(images, after, at_rest),
             )
         )
