@@ -8,9 +8,11 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
+import pygltflib
 import pytest
 from click.testing import CliRunner
 from scipy.sparse import csr_array
+from skinned_tubes import write_tube
 
 import zoomout_core as zo
 from zoomout_core.assets.asset import Asset, Skin
@@ -157,6 +159,43 @@ def test_blender_transfers_from_its_own_files(
     # Blender's z axis is up, and y in pictures.
     np.testing.assert_allclose(drawn[0], zo.read_surface(library / "hero.glb").vertices[:, [0, 2, 1]] * [1, 1, -1])
     assert read == [(best.path, "source", True), (scans / "scan.ply", "target", True)]
+
+
+def test_source_of_a_part_gives_its_joints_to_the_written_target(
+    folders: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    library, scans = folders
+    body, head = library / "body.glb", library / "head.glb"
+    for path in (body, head):
+        write_tube(path)
+    file = pygltflib.GLTF2().load(head)
+    file.nodes[2].name = "Jaw"
+    file.save(head)
+    write_shape(zo.read_surface(body), scans / "scan.ply")
+    part = zo.FoundPart(head, body, "Upper", ("Upper",), 0.99, 0.95)
+    best = FoundSource(body, 0.4, 0.97, 0.06)
+    monkeypatch.setattr(batch, "search", lambda *_: FoundSources((best,), best.path, "", part))
+    arguments = scans / "scan.ply", "--library", library, "-o", tmp_path / "out"
+    code, report = run(*arguments, "--move-rig", "--parts", "--force")
+    assert (code, report["failures"]) == (0, {})
+    assert any(
+        note.startswith("The joint Upper and all below it have the data") for note in report["targets"][0]["notes"]
+    )
+    skin = read_asset(tmp_path / "out" / "targets" / "scan.glb").skin
+    assert skin is not None
+    assert skin.names == ("Lower", "Upper", "Jaw")
+    # Without --parts it is only proposed, as it is if its match is wrong.
+    report = run(*arguments, "--move-rig", "--force")[1]
+    assert str(part.sentence) in report["targets"][0]["notes"]
+    monkeypatch.setattr(batch, "check_verdict", lambda *_: None)
+    red = zo.Verdict("red", "It is wrong.", "")
+    monkeypatch.setattr(zo.MatchResult, "verdict", property(lambda _: red))
+    report = run(*arguments, "--move-rig", "--parts")[1]
+    assert any("was not used for the joint Upper" in note for note in report["targets"][0]["notes"])
+    skin = read_asset(tmp_path / "out" / "targets" / "scan.glb").skin
+    assert skin is not None
+    assert skin.names == ("Lower", "Upper")
+    assert CliRunner().invoke(main, ["find", *map(str, arguments), "--parts"]).exit_code == 2
 
 
 def test_rejected_source_is_pictured_with_the_reason(
