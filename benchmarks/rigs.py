@@ -189,7 +189,8 @@ def _figures(case: _Case, joints: Floats, weights: csr_array, of_truth: list[Flo
     groups = {"": errors, "body ": errors[~hand & ~face], "fingers ": errors[hand], "face ": errors[face]}
     figures = {name: value for group, each in groups.items() for name, value in _spread(group, each).items()}
     figures |= {"posed": off, "posed, true joints": best, "posed, true weights": of_joints}
-    return figures | {"ratio": off / best, "feet": feet, "errors": groups}
+    ratio = off / best if best else np.inf  # generated bodies may receive their weights exactly
+    return figures | {"ratio": ratio, "feet": feet, "errors": groups}
 
 
 def _each_alone(case: _Case, joints: Floats) -> Floats:
