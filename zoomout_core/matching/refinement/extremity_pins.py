@@ -109,4 +109,4 @@ def _tips(shape: ShapeAnalysis) -> _Tips:
     vertices, persistence = maxima(shape)
     vertices = vertices[persistence > EXTREMITIES.lesser_persistence][: EXTREMITIES.max_count]
     graph = edge_graph(shape.mesh.vertices, shape.mesh.triangles)
-    return _Tips(vertices, np.asarray(dijkstra(graph, indices=vertices)).reshape(len(vertices), -1))
+    return _Tips(vertices, np.asarray(dijkstra(graph, indices=vertices)).reshape(len(vertices), graph.shape[0]))

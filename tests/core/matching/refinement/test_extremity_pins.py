@@ -12,9 +12,11 @@ from creatures import creature, true_vertex
 
 from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.matching.hypotheses.extremities import EXTREMITIES
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.refinement.extremity_pins import PINS, _pair, pin_extremities
 from zoomout_core.matching.registration.nonrigid_icp import fit_nonrigid
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.samples import BODY, LIMBS
 from zoomout_core.tuning import retune
 
@@ -127,3 +129,12 @@ def test_fit_is_drawn_to_pins() -> None:
         for each in (pins, None)
     ]
     assert off[0].mean() < 0.5 * off[1].mean()
+
+
+def test_a_shape_without_extremities_has_nothing_to_pin() -> None:
+    shape = analyse(creature(300, 5).surface.working.part(0)[0], 20, 100, 0, None)
+    itself = SurfaceMap.from_vertices(
+        np.arange(len(shape.mesh.vertices)), Surface(shape.mesh.vertices, shape.mesh.triangles)
+    )
+    with retune(EXTREMITIES, lesser_persistence=2.0):
+        assert pin_extremities(itself, itself, shape, shape) is None
