@@ -309,6 +309,11 @@ def binding(data: Path, pairs: int | None, json_file: Path | None, pictures: Pat
     type=click.Path(exists=True, dir_okay=False, path_type=Path),
     help="Also open files in Panda3D, by this Python program, which has it.",
 )
+@click.option(
+    "--godot",
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    help="Also import files into Godot, by this program of Godot 3, such as godot3-server.",
+)
 @click.option("--json", "json_file", type=click.Path(dir_okay=False, path_type=Path), help="Write it here too.")
 @click.option("--page", type=click.Path(dir_okay=False, path_type=Path), help="Write the tables to this Markdown file.")
 def production(
@@ -316,13 +321,14 @@ def production(
     pictures: Path | None,
     node_modules: Path | None,
     panda: Path | None,
+    godot: Path | None,
     json_file: Path | None,
     page: Path | None,
 ) -> None:
     """Live links beside the operator, levels beside Blender's, bakes beside Cycles, and files in other programs."""
     from benchmarks import production as production_tables  # it starts Blender
 
-    made = production_tables.run(tables or production_tables.TABLES, pictures, node_modules, panda)
+    made = production_tables.run(tables or production_tables.TABLES, pictures, node_modules, panda, godot)
     if page is not None:
         write_page(made, page)
     report(made, None, json_file)

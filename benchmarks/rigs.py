@@ -34,6 +34,10 @@ PRODUCT, BY_TRUE_MAP, AROUND, BOX = "move_rig", "move_rig, true map", "surface a
 # Images that the simple similarity of the surface around a joint follows, and the width of their weights relative to
 # the distance of the farthest: as in the first experiments.
 IMAGES, WIDTH = 60, 0.5
+# Figures whose mean over the pairs a row has.
+MEANS = "posed", "posed, true joints", "posed, true weights", "ratio", "feet", "s"
+# Figures of each bone in the records.
+ARRAYS = "errors", "alone", "bones"
 # Number of bones in the table of those that are farthest off.
 WORST_BONES = 20
 
@@ -64,11 +68,12 @@ def run(data: Path, pairs: int | None) -> Tables:
 
     `rows`: for each kind of builds and each method medians and 95th percentiles of the distances of joints (heads of
     bones) from the truth, over all pairs, in percent of the target's height. `posed`: the mean distance of surface
-    vertices from the truth over all poses, with the weights of the match, and the same with the true joints; `ratio` is
-    of the two. `feet`: how far the lowest vertex is from its true height. Kinds `as found` count for each target only
-    the source with the smaller misfit, which a search in a library ranks first. `bones`: those that are farthest off on
-    average, and how far they are along the true map: that much is due to the author, who did not place them by the
-    surface. `each`: the figures of the product for each pair.
+    vertices from the truth over all poses, with the weights of the match, the same with the true joints, and with the
+    true weights; `ratio` is of the first two. `feet`: how far the lowest vertex is from its true height. Kinds `as
+    found` count for each target only the source with the smaller misfit, which a search in a library ranks first.
+    `bones`: those that are farthest off on average, and how far they are along the true map: that much is due to the
+    author, who did not place them by the surface; `posed` is the error of the posed surface if only the head of that
+    bone is off. `each`: the figures of the product for each pair.
 
     Args:
         data: a folder with the set `clothes`.
@@ -86,8 +91,10 @@ def run(data: Path, pairs: int | None) -> Tables:
             about |= {"target": case.name.partition(", ")[2], "misfit": misfit_of(match)}
             about |= {"bones": case.source.bones.names}
             records.append(about | _figures(case, joints, weights, of_truth))
+            if method in (PRODUCT, BY_TRUE_MAP):
+                records[-1]["alone"] = _each_alone(case, joints)
     product = [record for record in records if record["method"] == PRODUCT]
-    shown = [{name: value for name, value in record.items() if name not in ("errors", "bones")} for record in product]
+    shown = [{name: value for name, value in record.items() if name not in ARRAYS} for record in product]
     return {
         "rows": _rows(records + _as_found(records)),
         "bones": _bones(records),
@@ -175,15 +182,32 @@ def _figures(case: _Case, joints: Floats, weights: csr_array, of_truth: list[Flo
     areas = case.target.surface.vertex_areas
     truth = _pose(case, csr_array(case.target.weights), case.target.bones.heads)
     found = _pose(case, weights, joints)
-    off, best = (
-        percent * np.mean([_mean_distance(each, true, areas) for each, true in zip(poses, truth, strict=True)])
-        for poses in (found, of_truth)
-    )
+    with_weights = _pose(case, csr_array(case.target.weights), joints)
+    off, best, of_joints = (percent * _posed_error(each, truth, areas) for each in (found, of_truth, with_weights))
     feet = percent * max(abs(each[:, 1].min() - true[:, 1].min()) for each, true in zip(found, truth, strict=True))
     hand, face = (np.array([name.startswith(part) for name in case.source.bones.names]) for part in (FINGERS, FACE))
     groups = {"": errors, "body ": errors[~hand & ~face], "fingers ": errors[hand], "face ": errors[face]}
     figures = {name: value for group, each in groups.items() for name, value in _spread(group, each).items()}
-    return figures | {"posed": off, "posed, true joints": best, "ratio": off / best, "feet": feet, "errors": groups}
+    figures |= {"posed": off, "posed, true joints": best, "posed, true weights": of_joints}
+    ratio = off / best if best else np.inf  # generated bodies may receive their weights exactly
+    return figures | {"ratio": ratio, "feet": feet, "errors": groups}
+
+
+def _each_alone(case: _Case, joints: Floats) -> Floats:
+    """(b,) error of the posed surface in percent of the height if only one joint is where (b, 3) it was found."""
+    bones, areas, weights = case.target.bones, case.target.surface.vertex_areas, csr_array(case.target.weights)
+    truth = _pose(case, weights, bones.heads)
+    found = np.zeros(len(joints))
+    for bone, place in enumerate(joints):
+        heads = bones.heads.copy()
+        heads[bone] = place
+        found[bone] = _posed_error(_pose(case, weights, heads), truth, areas)
+    return 100 * found / float(np.ptp(case.target.surface.vertices[:, 1]))
+
+
+def _posed_error(poses: list[Floats], truth: list[Floats], areas: Floats) -> float:
+    """Mean distance of the surface in poses from where it should be."""
+    return float(np.mean([_mean_distance(each, true, areas) for each, true in zip(poses, truth, strict=True)]))
 
 
 def _mean_distance(found: Floats, truth: Floats, areas: Floats) -> float:
@@ -214,7 +238,7 @@ def _rows(records: list[Record]) -> list[Record]:
         row: Record = {"kind": kind, "method": method, "pairs": len(chosen)}
         for group in chosen[0]["errors"]:
             row |= _spread(group, np.concatenate([record["errors"][group] for record in chosen]))
-        rows.append(row | {name: over(np.mean, chosen, name) for name in ("posed", "ratio", "feet", "s")})
+        rows.append(row | {name: over(np.mean, chosen, name) for name in MEANS})
     return rows
 
 
@@ -228,11 +252,14 @@ def _bones(records: list[Record]) -> list[Record]:
             for method in (PRODUCT, BY_TRUE_MAP)
         }
         mean, of_author = (each.mean(axis=0) for each in errors.values())
+        alone = np.mean([record["alone"] for record in of_kind if record["method"] == PRODUCT], axis=0)
         for bone in np.argsort(-mean)[:WORST_BONES].tolist():
             row: Record = {"kind": kind, "bone": of_kind[0]["bones"][bone], PRODUCT: mean[bone]}
-            rows.append(row | {"worst": errors[PRODUCT][:, bone].max(), BY_TRUE_MAP: of_author[bone]})
+            row |= {"worst": errors[PRODUCT][:, bone].max(), BY_TRUE_MAP: of_author[bone], "posed": alone[bone]}
+            rows.append(row)
     return rows
 
 
 def _without_arrays(record: Record) -> Record:
-    return record | {"errors": record["errors"][""].tolist(), "bones": list(record["bones"])}
+    arrays = {"errors": record["errors"][""].tolist(), "bones": list(record["bones"])}
+    return record | arrays | ({"alone": record["alone"].tolist()} if "alone" in record else {})

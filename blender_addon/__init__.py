@@ -9,7 +9,7 @@ import bpy
 import zoomout_core as zo
 
 from . import cli, operators, presets, translations, watch
-from .operators import modal
+from .operators.base import running_operators
 from .properties.landmarks import CLASSES as LANDMARK_CLASSES
 from .properties.library import CLASSES as LIBRARY_CLASSES
 from .properties.settings import ZOOMOUT_PG_settings
@@ -49,7 +49,7 @@ def register() -> None:
 
 def unregister() -> None:
     """Undo `register`."""
-    modal.cancel_all()
+    running_operators.cancel_all()
     watch.unregister()
     thumbnails.unregister()
     cli.unregister()

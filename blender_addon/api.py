@@ -34,7 +34,8 @@ Where the shapes alone mislead the match, set landmarks, which are vertices of b
 weights and binds the target, so that the bones pose it at once; the source, at the same place, is hidden in the
 viewport, unless `hide_source` is False. So does `transfer_objects` with `binding=Binding()`.
 `move_rig(context, hero, child)` is for a target of another build: it binds the target to a copy of the armature whose
-bones are moved into its body. `check_motion(context, child)` compares how both play the action: whether feet slide.
+bones are moved into its body. `add_bones(context, princess, child, "Head")` then adds the bones of another source that
+move a part, such as its face. `check_motion(context, child)` compares how both play the action: whether feet slide.
 
 `wrap` gives the target's topology the source's shape, as a shape key, as the mesh itself or as a new object:
 
@@ -92,6 +93,7 @@ from .mesh_data import surface_point_of_vertex
 from .scene import landmarks
 from .scene.landmarks import LandmarkPairs, landmark_pairs
 from .services.bake import Baking, bake_textures
+from .services.binding.part import AddedBones, add_bones
 from .services.check_motion import check_motion
 from .services.dressing.dress import dress
 from .services.dressing.read import Dressing
@@ -116,6 +118,7 @@ from .storage.stored_symmetry import read as symmetry_of
 __all__ = [
     "DATA",
     "USUAL_DATA",
+    "AddedBones",
     "Baking",
     "Binding",
     "Dressing",
@@ -123,6 +126,7 @@ __all__ = [
     "LevelChoice",
     "Settings",
     "Wrapping",
+    "add_bones",
     "append_source",
     "bake_textures",
     "bind_to_rig",

@@ -12,7 +12,7 @@ import bpy
 from bpy.app.handlers import persistent
 from bpy.types import Depsgraph, Mesh, Object, Scene
 
-from .operators import ahead
+from .operators.base import prepare_ahead
 from .scene import landmarks, mesh_facts
 from .services.matching import candidates, previews
 from .viewport import overlay, preview
@@ -23,8 +23,8 @@ def _after_update(scene: Scene, depsgraph: Depsgraph) -> None:
     changed = [update.id.original for update in depsgraph.updates if update.is_updated_geometry]
     meshes = [one for one in changed if isinstance(one, Mesh)]
     mesh_facts.forget(meshes)
-    ahead.forget(meshes)
-    ahead.consider()
+    prepare_ahead.forget(meshes)
+    prepare_ahead.consider()
     overlay.repose(one.session_uid for one in changed if isinstance(one, Object))
     preview.follow_edit(meshes)
     preview.follow_selection()
@@ -67,7 +67,7 @@ def unregister() -> None:
 
 def forget_everything() -> None:
     """Clear all caches of the open file."""
-    ahead.clear()
+    prepare_ahead.clear()
     mesh_facts.forget_all()
     candidates.clear_cache()
     preview.clear()

@@ -161,7 +161,7 @@ class Parameter:
         """Parse a value from a script; a choice may be a name or an index.
 
         Raises:
-            ValueError: the text is no such value.
+            ValueError: the text is not such a value.
         """
         if self.choices and text.isdecimal() and int(text) < len(self.choices):
             return self.choices[int(text)]

@@ -24,7 +24,7 @@ import blender_addon
 from blender_addon.demo.character import build_character
 from blender_addon.demo.target import clear_pose, posed_copy, remeshed, set_pose
 from blender_addon.mesh_data import nearest_surface_point
-from blender_addon.operators import activity
+from blender_addon.operators.base import activity
 from blender_addon.scene.landmarks import set_landmark
 from blender_addon.ui import panels
 from blender_addon.ui.panels.match import ZOOMOUT_PT_match

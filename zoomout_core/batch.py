@@ -219,6 +219,19 @@ def write_report(figures: Mapping[str, Any], folder: Path) -> None:
         part.write_text(f"{json.dumps(figures, indent=1)}\n", encoding="utf-8")
 
 
+def report_outcomes(outcomes: Sequence[Outcome], figures: Mapping[str, Any], output: str, as_json: bool) -> None:
+    """Print the figures as JSON, or the outcomes in sentences, and end with the matching exit code.
+
+    Raises:
+        ClickException: the only target failed, and the outcomes are printed in sentences.
+    """
+    if as_json:
+        click.echo(json.dumps(figures, indent=1))
+        _end_with_code(outcomes)
+    else:
+        say_outcomes(outcomes, output)
+
+
 def say_outcomes(outcomes: Sequence[Outcome], output: str) -> None:
     """Print the outcome of each target, and end with the matching exit code.
 
@@ -242,10 +255,10 @@ def say_outcomes(outcomes: Sequence[Outcome], output: str) -> None:
             tell(f"  {line}")
     failed = sum(bool(outcome.error) for outcome in outcomes)
     tell(f"{len(outcomes) - failed} of {len(outcomes)} targets written to {output}; {REPORT} lists the result of each.")
-    end_with_code(outcomes)
+    _end_with_code(outcomes)
 
 
-def end_with_code(outcomes: Sequence[Outcome]) -> None:
+def _end_with_code(outcomes: Sequence[Outcome]) -> None:
     """End the process if targets failed: with code 1 if all did, 3 if some."""
     failed = sum(bool(outcome.error) for outcome in outcomes)
     if failed:

@@ -290,7 +290,7 @@ def check_axis(text: str, option: str) -> Floats:
     """The direction of an option, see `read_axis`.
 
     Raises:
-        OptionError: it is none.
+        OptionError: it is not a direction.
     """
     try:
         return read_axis(text, option)

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Evaluate the quality of a map by the usual measures of the field.
 
-Geodesic error after Kim, Lipman and Funkhouser (Blended intrinsic maps, 2011); coverage and edge distortion after Ren,
-Poulenard, Wonka and Ovsjanikov (Continuous and orientation-preserving correspondences via functional maps, 2018), in
-forms that depend little on the meshes. For the error of going there and back see
+Geodesic error: Kim, Lipman and Funkhouser, Blended intrinsic maps (2011). Coverage and edge distortion: Ren, Poulenard,
+Wonka and Ovsjanikov, Continuous and orientation-preserving correspondences via functional maps (2018), in forms that
+depend little on the triangulation. For the error of going there and back see
 `zoomout_core.matching.refinement.confidence.cycle_error`.
 """
 
@@ -92,9 +92,9 @@ def _vertex_map(given: SurfaceMap | HasMap | Integers) -> Integers:
 def distance_distortion(image: Integers, vertex: Integers, source: Surface, target: Surface) -> float:
     """Mean difference of geodesic distances between places and between their images; 0 for an isometry.
 
-    Images and vertices (c,) correspond. Distances run along edges (Dijkstra) between some of the vertices, relative to
-    the root of each surface's area; the meshes alone cause differences of some thousandths. Places without a path
-    between them do not count.
+    Images and vertices (c,) correspond. Distances between sampled vertices are measured along edges (Dijkstra),
+    relative to the square root of each surface's area. The triangulations alone cause differences of some thousandths.
+    Places without a path between them do not count.
 
     Example:
         >>> from zoomout_core.evaluation import distance_distortion

@@ -27,11 +27,11 @@ PAPER, INK, SKIN = np.full(3, 0.97), np.full(3, 0.1), np.array([0.86, 0.81, 0.77
 MARK = BAD_TO_GOOD[0]
 # A head is seen from this far to its side, in degrees, so that lips and chin have a profile.
 YAW = 20.0
-# The picture shows the vertices that a key moves at least this share of the most that it moves any, and this margin
+# A picture shows the vertices whose motion is at least the first share of the key's largest motion, with a margin
 # around them, as a share of their extent.
 MOVING, MARGIN = 0.5, 0.15
-# Keys whose places determine the rotation between two heads; and the share of their spread that the second direction
-# must have, else they are on a line.
+# Minimum number of keys that determine the rotation between two heads, and minimum spread of their places along the
+# second direction relative to the first; below it they are on a line.
 MIN_PLACES, MIN_SPREAD = 4, 0.1
 
 # Draws text in a colour on paper, as a picture (height, width, 3) of a given height and at most a given width.

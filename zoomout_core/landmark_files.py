@@ -78,8 +78,8 @@ def landmark_ending(path: str | PathLike[str]) -> str:
 def read_landmark_file(path: str | PathLike[str]) -> LandmarkSet:
     """Read a file of landmarks.
 
-    A line of a CSV file is `name,x,y,z`, `x,y,z`, `name,vertex` or `vertex`, or has the order that a heading with `x`,
-    `y` and `z`, or `vertex`, gives. Lines that begin with # are skipped.
+    A line of a CSV file is `name,x,y,z`, `x,y,z`, `name,vertex` or `vertex`. A heading with `x`, `y` and `z`, or with
+    `vertex`, may give another order. Lines that begin with # are skipped.
 
     Raises:
         MeshError: the file is missing, not of a supported format, or has no landmarks.

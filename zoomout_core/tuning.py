@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Tuned numbers: each is defined once, in the frozen dataclass of its stage, as in `components/shells.py`.
 
-A number that no benchmark set (a judgement, a block size, a rounding tolerance, the size of a cache) is a commented
-constant of its module.
+A number that no benchmark has set is a commented constant of its module: a judgement, a block size, a rounding
+tolerance or the size of a cache.
 """
 
 from __future__ import annotations

@@ -34,7 +34,7 @@ HOLE_RADIUS, HOLES = 0.05, 6
 TAIL_RADIUS, TAIL_LENGTH = 0.055, 0.7
 HORN_RADIUS, HORN_LENGTH = 0.035, 0.25
 # Distance between horns, and its maximum from the end of the head (a tail is too thin for that); a vertex that is
-# nearer to its mirror image than the last number lies in the middle.
+# nearer to its mirror image than the last number is in the middle.
 APART, ON_HEAD, MIDDLE = 0.12, 0.15, 0.04
 # Bend of the axis of an added part, relative to its length, and thickness of its tip, relative to its base.
 BEND, TIP = 0.3, 0.3

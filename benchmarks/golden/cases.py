@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
@@ -307,117 +307,150 @@ def _by_proximity() -> Fields:
     return of_map(found.surface_map) | {"confidence": hash_of(found.confidence), "notes": list(found.notes)}
 
 
-def _matches() -> Iterator[Case]:
-    for folder, ending, pairs in (
-        ("faust_r", "off", ("tr_reg_002 tr_reg_007", "tr_reg_031 tr_reg_045")),
-        ("smal_r", "off", ("cow_alph4 lion6", "fox-05 hippo5", "dog2 cougar")),
-        ("tosca_r", "off", ("cat0 cat4", "horse0 horse6", "michael0 michael10", "wolf0 wolf2")),
-        ("shrec19_r", "off", ("01 07", "12 20")),
-        ("tosca_nonisometric", "off", ("8_gorilla_01 8_man_01",)),
-        ("faust_discretisation", "ply", ("iso_080 qes_081", "mc_081 dense_082")),
-    ):
-        for number, pair in enumerate(pairs):
-            source, target = (f"{folder}/{name}.{ending}" for name in pair.split())
-            yield _of_files(f"whole {folder} {pair}", source, target, **(FAST if number else {}))
-    yield _of_files("whole molar", *(f"specimens/shapes/molar_{number}.ply" for number in (4, 0)), **FAST)
-    yield _make("whole creatures", _creatures)
-    yield _make(
-        "whole mirror image",
-        lambda: (creature(), creature(seed=1).with_vertices(creature(seed=1).vertices * [-1, 1, 1])),
-    )
-    yield _make("whole unlike", lambda: (creature(), round_shape(BOX)))
-    yield _make("whole torus", lambda: (torus(), torus(40, 20)))
-    yield _make("whole decimated", lambda: (creature(9000), creature(12000, 1, 0.5)))
+# Pairs of files of each set; the first pair of a set has the usual options.
+WHOLES = (
+    ("faust_r", "off", ("tr_reg_002 tr_reg_007", "tr_reg_031 tr_reg_045")),
+    ("smal_r", "off", ("cow_alph4 lion6", "fox-05 hippo5", "dog2 cougar")),
+    ("tosca_r", "off", ("cat0 cat4", "horse0 horse6", "michael0 michael10", "wolf0 wolf2")),
+    ("shrec19_r", "off", ("01 07", "12 20")),
+    ("tosca_nonisometric", "off", ("8_gorilla_01 8_man_01",)),
+    ("faust_discretisation", "ply", ("iso_080 qes_081", "mc_081 dense_082")),
+)
+PARTS = ("cut_cat_00", "cut_wolf_03", "holes_horse_01", "holes_cat_04", "pfarm_07", "pfarm_10", "both_partial_03")
+CHARACTERS = (
+    ("modular_men/Farmer", "modular_men/Worker"),
+    ("modular_women/Worker", "modular_men/Punk"),
+    ("animals_pack/Cow", "animals_pack/Bull"),
+    ("mech_pack/Leela", "cyberpunk_pack/Enemy_2Legs"),
+    ("easy_enemies_pack/Wasp", "easy_enemies_pack/Wasp"),
+)
 
-    for name in (
-        "cut_cat_00",
-        "cut_wolf_03",
-        "holes_horse_01",
-        "holes_cat_04",
-        "pfarm_07",
-        "pfarm_10",
-        "both_partial_03",
-    ):
-        options = FAST if name.startswith("both") else {}
-        yield _of_files(f"part {name}", f"partial/{name}_source.off", f"partial/{name}_target.off", **options)
-    yield _of_files(
-        "part source cut_horse_01", "partial/cut_horse_01_target.off", "partial/cut_horse_01_source.off", **FAST
-    )
-    yield _make("part limb lacks", lambda: (creature(), creature(seed=1, without=5)))
-    yield _make("part half", _arm_and_whole)
-    yield _make("part half off", _arm_and_whole, lambda: {"partial": "off"})
-    yield _make("part other unit", lambda: (creature(), scale(_arm_and_whole()[1], 2.54)))
-    yield _make("part landmarks", _arm_and_whole, lambda: {"landmarks": _landmarks_of_arm(), "initial": "landmarks"})
-    yield _make("part exact", _arm_and_whole, lambda: {"landmarks": _landmarks_of_arm(), "exact_landmarks": True})
-    yield _make("coarse part", lambda: (creature(USUAL), keep_faces(creature(TINY, 1), lambda p: p[:, 0] > 0)))
-    yield Case("part use 1", lambda _: _other_candidate_of_part())
 
-    game = "characters/game"
-    for source, target in (
-        ("modular_men/Farmer", "modular_men/Worker"),
-        ("modular_women/Worker", "modular_men/Punk"),
-        ("animals_pack/Cow", "animals_pack/Bull"),
-        ("mech_pack/Leela", "cyberpunk_pack/Enemy_2Legs"),
-        ("easy_enemies_pack/Wasp", "easy_enemies_pack/Wasp"),
-    ):
-        options = FAST if "mech" in source else {}
-        name = f"shells {source.split('/')[1]} {target.split('/')[1]}"
-        yield _of_files(name, f"{game}/{source}.glb", f"{game}/{target}.glb", **options)
-    yield _make("shells clothed", lambda: (clothe(0, 0.0), clothe(1, 0.5)))
-    yield _make("shells clothed and bare", lambda: (clothe(0, 0.0), creature(seed=1, bend=0.3, asymmetry=0)))
-    yield _make("shells shirts", lambda: (shirt(1), shirt(2)))
-
-    yield _of_files("cloud faust", "faust_discretisation/iso_080.ply", "faust_discretisation/cloud_081.ply", **FAST)
-    yield _make("cloud with normals", lambda: (_cloud(creature(4000), True), creature(seed=1, bend=0.5)))
-    yield _make("cloud without", lambda: (creature(), _cloud(creature(4000, 1, 0.5), False)), lambda: FAST)
-    yield _make("cloud both", lambda: (_cloud(creature(4000), True), _cloud(creature(3000, 1), True)), lambda: FAST)
-
-    known = ("faust_r/correspondence.npz",)
-    yield Case("landmarks faust", lambda data: _known_places(data, False), known)
-    yield Case("landmarks faust exact", lambda data: _known_places(data, True), known)
-    yield _make("landmarks auto", _creatures, lambda: {"landmarks": landmarks()})
-    yield _make("landmarks as points exact", _creatures, _points_as_landmarks)
-    yield _make(
-        "landmarks twice",
-        _creatures,
-        lambda: {"initial": "landmarks", "landmarks": tuple(np.append(side, side[:2]) for side in landmarks())},
-    )
-
-    yield _make("given vertices", _creatures, lambda: {"initial": "given", "initial_map": true_map()})
-    yield _make("given surface map", _creatures, _given_surface_map)
-    yield _make("given functional map", _creatures, _given_functional_map)
-    yield _make("given as evidence", _creatures, lambda: {"initial_map": true_map()})
-
-    near = {"initial": "proximity"}
-    yield _make("proximity creatures", lambda: (creature(), creature(seed=1, bend=0.1)), lambda: near)
-    yield _make("proximity clothed", lambda: (clothe(0, 0.0), clothe(1, 0.1)), lambda: near)
-    yield Case("proximity alone", lambda _: _by_proximity())
-
-    yield _make("options two axes", _creatures, lambda: {"common_axes": [(0, 0, 1), (1, 0, 0)]})
-    yield _make("options regions", _creatures, lambda: {"regions": regions()})
-    yield _make("options small map", _creatures, lambda: {"k_final": 30, "step": 5, "samples": 300})
-    yield _make("options large map", _creatures, lambda: {"k_final": 200, "samples": 1500, "proxy_vertices": 8000})
-    yield _make("options fast", lambda: (creature(5000), creature(5000, 1, 0.6)), lambda: FAST)
-    yield _make("options no stand-in", lambda: (creature(3000), creature(3000, 1)), lambda: {"proxy_vertices": None})
-    yield _make("options seed", _creatures, lambda: {"seed": 3})
-    yield Case(
-        "options object",
-        lambda _: of_match(
-            zo.match(*_creatures(), zo.MatchOptions(k_final=80), common_axes=(0, 0, 1), regions=regions())
+def _wholes() -> list[Case]:
+    return [
+        *(
+            _whole_files(folder, ending, pair, FAST if number else {})
+            for folder, ending, pairs in WHOLES
+            for number, pair in enumerate(pairs)
         ),
-    )
-    yield Case("use faust 1", _other_candidate, ("faust_r/tr_reg_012.off", "faust_r/tr_reg_007.off"))
+        _of_files("whole molar", *(f"specimens/shapes/molar_{number}.ply" for number in (4, 0)), **FAST),
+        _make("whole creatures", _creatures),
+        _make(
+            "whole mirror image",
+            lambda: (creature(), creature(seed=1).with_vertices(creature(seed=1).vertices * [-1, 1, 1])),
+        ),
+        _make("whole unlike", lambda: (creature(), round_shape(BOX))),
+        _make("whole torus", lambda: (torus(), torus(40, 20))),
+        _make("whole decimated", lambda: (creature(9000), creature(12000, 1, 0.5))),
+    ]
 
-    for count in (12, 60, 150, 400):
-        yield _make(f"small {count}", lambda count=count: (creature(count), creature(count, 1)))  # type: ignore[misc]
-    yield _make("small and large", lambda: (creature(TINY), creature(4000, 1)))
 
-    yield _make("signs eggs", lambda: (round_shape(egg), round_shape(egg, seed=1)))
-    yield _make("signs egg itself", lambda: (egg_twice := round_shape(egg, SMALL), egg_twice))
-    yield _make("turns cube", lambda: (round_shape(CUBE), round_shape(CUBE, seed=1)), lambda: FAST)
-    yield _make("turns icosahedron", lambda: (round_shape(ICOSAHEDRON), round_shape(ICOSAHEDRON, seed=1)), lambda: FAST)
-    yield _make("turns gear", lambda: (round_shape(gear), round_shape(gear, seed=1)))
-    yield _make("turns symmetric creature", lambda: (creature(asymmetry=0), creature(seed=1, asymmetry=0, bend=0.5)))
+def _whole_files(folder: str, ending: str, pair: str, options: dict[str, Any]) -> Case:
+    source, target = (f"{folder}/{name}.{ending}" for name in pair.split())
+    return _of_files(f"whole {folder} {pair}", source, target, **options)
+
+
+def _parts() -> list[Case]:
+    return [
+        *(_part_files(name, FAST if name.startswith("both") else {}) for name in PARTS),
+        _of_files(
+            "part source cut_horse_01", "partial/cut_horse_01_target.off", "partial/cut_horse_01_source.off", **FAST
+        ),
+        _make("part limb lacks", lambda: (creature(), creature(seed=1, without=5))),
+        _make("part half", _arm_and_whole),
+        _make("part half off", _arm_and_whole, lambda: {"partial": "off"}),
+        _make("part other unit", lambda: (creature(), scale(_arm_and_whole()[1], 2.54))),
+        _make("part landmarks", _arm_and_whole, lambda: {"landmarks": _landmarks_of_arm(), "initial": "landmarks"}),
+        _make("part exact", _arm_and_whole, lambda: {"landmarks": _landmarks_of_arm(), "exact_landmarks": True}),
+        _make("coarse part", lambda: (creature(USUAL), keep_faces(creature(TINY, 1), lambda p: p[:, 0] > 0))),
+        Case("part use 1", lambda _: _other_candidate_of_part()),
+    ]
+
+
+def _part_files(name: str, options: dict[str, Any]) -> Case:
+    return _of_files(f"part {name}", f"partial/{name}_source.off", f"partial/{name}_target.off", **options)
+
+
+def _shells() -> list[Case]:
+    return [
+        *(_character_files(source, target, FAST if "mech" in source else {}) for source, target in CHARACTERS),
+        _make("shells clothed", lambda: (clothe(0, 0.0), clothe(1, 0.5))),
+        _make("shells clothed and bare", lambda: (clothe(0, 0.0), creature(seed=1, bend=0.3, asymmetry=0))),
+        _make("shells shirts", lambda: (shirt(1), shirt(2))),
+    ]
+
+
+def _character_files(source: str, target: str, options: dict[str, Any]) -> Case:
+    name = f"shells {source.split('/')[1]} {target.split('/')[1]}"
+    return _of_files(name, f"characters/game/{source}.glb", f"characters/game/{target}.glb", **options)
+
+
+def _clouds() -> list[Case]:
+    return [
+        _of_files("cloud faust", "faust_discretisation/iso_080.ply", "faust_discretisation/cloud_081.ply", **FAST),
+        _make("cloud with normals", lambda: (_cloud(creature(4000), True), creature(seed=1, bend=0.5))),
+        _make("cloud without", lambda: (creature(), _cloud(creature(4000, 1, 0.5), False)), lambda: FAST),
+        _make("cloud both", lambda: (_cloud(creature(4000), True), _cloud(creature(3000, 1), True)), lambda: FAST),
+    ]
+
+
+def _evidence() -> list[Case]:
+    """Matches with landmarks, a given map, or coinciding surfaces."""
+    known, near = ("faust_r/correspondence.npz",), {"initial": "proximity"}
+    return [
+        Case("landmarks faust", lambda data: _known_places(data, False), known),
+        Case("landmarks faust exact", lambda data: _known_places(data, True), known),
+        _make("landmarks auto", _creatures, lambda: {"landmarks": landmarks()}),
+        _make("landmarks as points exact", _creatures, _points_as_landmarks),
+        _make(
+            "landmarks twice",
+            _creatures,
+            lambda: {"initial": "landmarks", "landmarks": tuple(np.append(side, side[:2]) for side in landmarks())},
+        ),
+        _make("given vertices", _creatures, lambda: {"initial": "given", "initial_map": true_map()}),
+        _make("given surface map", _creatures, _given_surface_map),
+        _make("given functional map", _creatures, _given_functional_map),
+        _make("given as evidence", _creatures, lambda: {"initial_map": true_map()}),
+        _make("proximity creatures", lambda: (creature(), creature(seed=1, bend=0.1)), lambda: near),
+        _make("proximity clothed", lambda: (clothe(0, 0.0), clothe(1, 0.1)), lambda: near),
+        Case("proximity alone", lambda _: _by_proximity()),
+    ]
+
+
+def _options() -> list[Case]:
+    return [
+        _make("options two axes", _creatures, lambda: {"common_axes": [(0, 0, 1), (1, 0, 0)]}),
+        _make("options regions", _creatures, lambda: {"regions": regions()}),
+        _make("options small map", _creatures, lambda: {"k_final": 30, "step": 5, "samples": 300}),
+        _make("options large map", _creatures, lambda: {"k_final": 200, "samples": 1500, "proxy_vertices": 8000}),
+        _make("options fast", lambda: (creature(5000), creature(5000, 1, 0.6)), lambda: FAST),
+        _make("options no stand-in", lambda: (creature(3000), creature(3000, 1)), lambda: {"proxy_vertices": None}),
+        _make("options seed", _creatures, lambda: {"seed": 3}),
+        Case(
+            "options object",
+            lambda _: of_match(
+                zo.match(*_creatures(), zo.MatchOptions(k_final=80), common_axes=(0, 0, 1), regions=regions())
+            ),
+        ),
+        Case("use faust 1", _other_candidate, ("faust_r/tr_reg_012.off", "faust_r/tr_reg_007.off")),
+    ]
+
+
+def _sizes_and_symmetries() -> list[Case]:
+    return [
+        *(_creatures_of_size(count) for count in (12, 60, 150, 400)),
+        _make("small and large", lambda: (creature(TINY), creature(4000, 1))),
+        _make("signs eggs", lambda: (round_shape(egg), round_shape(egg, seed=1))),
+        _make("signs egg itself", lambda: (egg_twice := round_shape(egg, SMALL), egg_twice)),
+        _make("turns cube", lambda: (round_shape(CUBE), round_shape(CUBE, seed=1)), lambda: FAST),
+        _make("turns icosahedron", lambda: (round_shape(ICOSAHEDRON), round_shape(ICOSAHEDRON, seed=1)), lambda: FAST),
+        _make("turns gear", lambda: (round_shape(gear), round_shape(gear, seed=1))),
+        _make("turns symmetric creature", lambda: (creature(asymmetry=0), creature(seed=1, asymmetry=0, bend=0.5))),
+    ]
+
+
+def _creatures_of_size(count: int) -> Case:
+    return _make(f"small {count}", lambda: (creature(count), creature(count, 1)))
 
 
 def _landmarks_of_arm() -> tuple[Floats, Floats]:
@@ -433,29 +466,34 @@ def _landmarks_of_arm() -> tuple[Floats, Floats]:
 # --- symmetries ---------------------------------------------------------------------------------------------
 
 
+SYMMETRIC = ("faust_r/tr_reg_005.off", "smal_r/dog2.off", "self_symmetry/alien.off", "tosca_r/cat1.off")
+
+
 def _symmetric(name: str, make: Callable[[], Shape], **options: Any) -> Case:
     return Case(f"symmetry {name}", lambda _: of_symmetries(zo.detect_symmetry(make(), **options)))
 
 
-def _symmetries() -> Iterator[Case]:
-    for path in ("faust_r/tr_reg_005.off", "smal_r/dog2.off", "self_symmetry/alien.off", "tosca_r/cat1.off"):
-        name = Path(path).stem
-        yield Case(
-            f"symmetry {name}",
-            lambda data, path=path: of_symmetries(  # type: ignore[misc]
-                zo.detect_symmetry(_read(data / path), most=3, k_final=60, samples=500)
-            ),
-            (path,),
-        )
-    yield _symmetric("creature", lambda: creature(asymmetry=0, bend=0.5), left=(1, 0, 0), seed=1)
-    yield _symmetric("lopsided creature", lambda: creature(seed=2))
-    yield _symmetric("cube", lambda: round_shape(CUBE, SMALL), most=4, k_final=60, samples=500)
-    yield _symmetric("icosahedron", lambda: round_shape(ICOSAHEDRON, SMALL), most=2, k_final=60, samples=500)
-    yield _symmetric("gear", lambda: round_shape(gear), most=4, left=(0, 1, 0), k_final=60)
-    yield _symmetric("clothed", lambda: clothe(0, 0.4), most=2)
-    yield _symmetric("cloud", lambda: _cloud(creature(3000, asymmetry=0), True), most=2, k_final=60)
+def _symmetry_of_file(path: str) -> Case:
+    return Case(
+        f"symmetry {Path(path).stem}",
+        lambda data: of_symmetries(zo.detect_symmetry(_read(data / path), most=3, k_final=60, samples=500)),
+        (path,),
+    )
+
+
+def _symmetries() -> list[Case]:
     game = "characters/game/modular_men/Farmer.glb"
-    yield Case("symmetry Farmer", lambda data: of_symmetries(zo.detect_symmetry(_read(data / game), most=2)), (game,))
+    return [
+        *(_symmetry_of_file(path) for path in SYMMETRIC),
+        _symmetric("creature", lambda: creature(asymmetry=0, bend=0.5), left=(1, 0, 0), seed=1),
+        _symmetric("lopsided creature", lambda: creature(seed=2)),
+        _symmetric("cube", lambda: round_shape(CUBE, SMALL), most=4, k_final=60, samples=500),
+        _symmetric("icosahedron", lambda: round_shape(ICOSAHEDRON, SMALL), most=2, k_final=60, samples=500),
+        _symmetric("gear", lambda: round_shape(gear), most=4, left=(0, 1, 0), k_final=60),
+        _symmetric("clothed", lambda: clothe(0, 0.4), most=2),
+        _symmetric("cloud", lambda: _cloud(creature(3000, asymmetry=0), True), most=2, k_final=60),
+        Case("symmetry Farmer", lambda data: of_symmetries(zo.detect_symmetry(_read(data / game), most=2)), (game,)),
+    ]
 
 
 # --- collections --------------------------------------------------------------------------------------------
@@ -477,12 +515,14 @@ def _by_workers() -> Fields:
         return _collect(template="pose0", engine=engine)
 
 
-def _collections() -> Iterator[Case]:
-    yield Case("collection all", lambda _: _collect(pairs="all"))
-    yield Case("collection template", lambda _: _collect(template="pose0"))
-    yield Case("collection neighbours", lambda _: _collect(4, neighbours=1))
-    yield Case("collection pairs", lambda _: _collect(pairs=[("pose0", "pose1"), ("pose2", "pose1")], agree=False))
-    yield Case("collection workers", lambda _: _by_workers())
+def _collections() -> list[Case]:
+    return [
+        Case("collection all", lambda _: _collect(pairs="all")),
+        Case("collection template", lambda _: _collect(template="pose0")),
+        Case("collection neighbours", lambda _: _collect(4, neighbours=1)),
+        Case("collection pairs", lambda _: _collect(pairs=[("pose0", "pose1"), ("pose2", "pose1")], agree=False)),
+        Case("collection workers", lambda _: _by_workers()),
+    ]
 
 
 # --- what is done with a map --------------------------------------------------------------------------------
@@ -626,23 +666,25 @@ def _of_shape() -> Fields:
     }
 
 
-def _uses() -> Iterator[Case]:
-    yield Case("transfer true map", lambda _: _by_true_map())
-    yield Case("transfer match", lambda _: _by_match(creature(SMALL, 1, 0.5)))
-    yield Case("transfer match of part", lambda _: _by_match(creature(2000, 1, without=5)))
-    yield Case("transfer asset", lambda _: _of_asset())
-    yield Case("wrap", lambda _: _wrap())
-    yield Case("wrap landmarks and mask", lambda _: _wrap(known=True, upper=True, smoothness=0.8, detail=0.5))
-    yield Case("wrap subdivided", lambda _: _wrap(subdivided=True))
-    yield Case("dress", lambda _: _dress())
-    yield Case("dress stiff", lambda _: _dress(stiffness=0.9, gap=0.02))
-    yield Case("basis mesh", lambda _: of_basis(zo.eigenbasis(creature())))
-    yield Case("basis cloud", lambda _: of_basis(zo.eigenbasis(_cloud(creature(1500), True), 80, seed=2)))
-    yield Case("basis shells", lambda _: of_basis(zo.eigenbasis(clothe(0, 0.0), 60)))
-    yield Case("basis others", lambda _: _of_shape())
-    yield Case("zoomout", lambda _: _of_zoomout())
-    yield Case("zoomout consistent", lambda _: _of_consistent_zoomout())
-    yield Case("zoomout fit", lambda _: _of_fit())
+def _uses() -> list[Case]:
+    return [
+        Case("transfer true map", lambda _: _by_true_map()),
+        Case("transfer match", lambda _: _by_match(creature(SMALL, 1, 0.5))),
+        Case("transfer match of part", lambda _: _by_match(creature(2000, 1, without=5))),
+        Case("transfer asset", lambda _: _of_asset()),
+        Case("wrap", lambda _: _wrap()),
+        Case("wrap landmarks and mask", lambda _: _wrap(known=True, upper=True, smoothness=0.8, detail=0.5)),
+        Case("wrap subdivided", lambda _: _wrap(subdivided=True)),
+        Case("dress", lambda _: _dress()),
+        Case("dress stiff", lambda _: _dress(stiffness=0.9, gap=0.02)),
+        Case("basis mesh", lambda _: of_basis(zo.eigenbasis(creature()))),
+        Case("basis cloud", lambda _: of_basis(zo.eigenbasis(_cloud(creature(1500), True), 80, seed=2))),
+        Case("basis shells", lambda _: of_basis(zo.eigenbasis(clothe(0, 0.0), 60))),
+        Case("basis others", lambda _: _of_shape()),
+        Case("zoomout", lambda _: _of_zoomout()),
+        Case("zoomout consistent", lambda _: _of_consistent_zoomout()),
+        Case("zoomout fit", lambda _: _of_fit()),
+    ]
 
 
 # --- what is refused ----------------------------------------------------------------------------------------
@@ -656,27 +698,41 @@ def _refuse(name: str, work: Callable[[], Any]) -> Case:
     return Case(f"error {name}", fields)
 
 
-def _errors() -> Iterator[Case]:
+def _errors() -> list[Case]:
     def two() -> tuple[zo.Surface, zo.Surface]:
         return creature(TINY), creature(TINY, 1)
 
     flat = zo.Surface([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
-    yield _refuse("one triangle", lambda: zo.match(flat, creature(TINY)))
-    yield _refuse("no landmarks", lambda: zo.match(*two(), initial="landmarks"))
-    yield _refuse("landmark out of range", lambda: zo.match(*two(), initial="landmarks", landmarks=([9999], [0])))
-    yield _refuse("map of other surfaces", lambda: zo.match(*two(), initial="given", initial_map=np.zeros(7, int)))
-    yield _refuse("far apart", lambda: zo.match_by_proximity(two()[0], scale(two()[1], 1e4)))
-    yield _refuse("no axis", lambda: zo.match(*two(), common_axes=(0, 0, 0)))
-    yield _refuse("no region", lambda: zo.match(*two(), regions=[([0],)]))  # type: ignore[list-item]
-    yield _refuse("no such candidate", lambda: zo.match(*two()).use(99))
-    yield _refuse("no symmetry", lambda: zo.detect_symmetry(creature(TINY), most=0))
-    yield _refuse("no file", lambda: zo.match("missing.ply", creature(TINY)))
-    yield _refuse("no template", lambda: _collect(template="nobody"))
-    yield _refuse("nothing to wrap", lambda: zo.wrap(zo.match(*two()), *two(), mask=np.zeros(TINY)))
-    yield _refuse(
-        "transfer by another map",
-        lambda: zo.transfer(attributes(two()[0])[0], zo.SurfaceMap.from_vertices([0, 1], two()[0]), *two()),
-    )
+    return [
+        _refuse("one triangle", lambda: zo.match(flat, creature(TINY))),
+        _refuse("no landmarks", lambda: zo.match(*two(), initial="landmarks")),
+        _refuse("landmark out of range", lambda: zo.match(*two(), initial="landmarks", landmarks=([9999], [0]))),
+        _refuse("map of other surfaces", lambda: zo.match(*two(), initial="given", initial_map=np.zeros(7, int))),
+        _refuse("far apart", lambda: zo.match_by_proximity(two()[0], scale(two()[1], 1e4))),
+        _refuse("no axis", lambda: zo.match(*two(), common_axes=(0, 0, 0))),
+        _refuse("no region", lambda: zo.match(*two(), regions=[([0],)])),  # type: ignore[list-item]
+        _refuse("no such candidate", lambda: zo.match(*two()).use(99)),
+        _refuse("no symmetry", lambda: zo.detect_symmetry(creature(TINY), most=0)),
+        _refuse("no file", lambda: zo.match("missing.ply", creature(TINY))),
+        _refuse("no template", lambda: _collect(template="nobody")),
+        _refuse("nothing to wrap", lambda: zo.wrap(zo.match(*two()), *two(), mask=np.zeros(TINY))),
+        _refuse(
+            "transfer by another map",
+            lambda: zo.transfer(attributes(two()[0])[0], zo.SurfaceMap.from_vertices([0, 1], two()[0]), *two()),
+        ),
+    ]
 
 
-CASES: tuple[Case, ...] = (*_matches(), *_symmetries(), *_collections(), *_uses(), *_errors())
+CASES: tuple[Case, ...] = (
+    *_wholes(),
+    *_parts(),
+    *_shells(),
+    *_clouds(),
+    *_evidence(),
+    *_options(),
+    *_sizes_and_symmetries(),
+    *_symmetries(),
+    *_collections(),
+    *_uses(),
+    *_errors(),
+)

@@ -45,6 +45,7 @@ class Case:
         true_shape: (n_s, 3) the source's vertices on the target, if known.
         body: the target with its keys and poses, if known.
         weights: (n_s, b) skin weights of the source, if the body is known.
+        heads: (b, 3) joints of the source, if the body is known.
         garments: keys, weights and bones of the things, if known.
     """
 
@@ -58,6 +59,7 @@ class Case:
     true_shape: Floats | None = None
     body: Body | None = None
     weights: Floats | None = None
+    heads: Floats | None = None
     garments: dict[str, Garment] = field(default_factory=dict)
 
 
@@ -128,6 +130,7 @@ def _refit(wardrobe: Wardrobe, kind: str, made_for: str, build: str, topology: s
         wardrobe.body(build).surface.vertices,
         body,
         source.weights,
+        source.bones.heads,
         garments,
     )
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Layers of a worn object: loose parts that lie over each other, such as a belt over a top."""
+"""Layers of a worn object: loose parts over each other, such as a belt over a top."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from zoomout_core.transfer.dressing.contact import SidedSurface
 
 # A part is a layer if it has this many triangles: smaller ones are buttons and eyelets.
 TRIANGLES = 100
-# Vertices between these distances above another part, in centimetres, lie on it; below the first one both are sewn
+# Vertices between these distances above another part, in centimetres, are on it; below the first one both are sewn
 # together. They are in it if they are deeper than the last one.
 SEWN, NEAR, DEEP = 0.05, 2.5, 0.1
 # Fewer vertices above a part are ends of seams.

@@ -19,7 +19,16 @@ from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.geometry.procrustes import procrustes
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import unit_vectors
-from zoomout_core.transfer import PosedBody, WeightedBody, carry, clear_in_poses, follow_weights
+from zoomout_core.transfer import (
+    JointPairs,
+    PosedBody,
+    Skeleton,
+    WeightedBody,
+    align_joints,
+    carry,
+    clear_in_poses,
+    follow_weights,
+)
 from zoomout_core.transfer.rigging.poses import gentle_poses
 from zoomout_core.transfer.rigging.skinning import normalise
 
@@ -48,9 +57,11 @@ class Fitted:
 Way = Callable[[Case, Floats], Fitted]
 
 
-def dress(case: Case, shape: Floats, stiffness: float = 0.5) -> Fitted:
-    """Ours."""
+def dress(case: Case, shape: Floats, stiffness: float = 0.5, align: bool = True) -> Fitted:
+    """Ours; with the joints of both bodies aligned, if they are known and this is wanted."""
     things = list(case.things.values())
+    if align:
+        shape = _align(case, shape)
     dressed = carry(case.source, shape, case.target, things, stiffness=stiffness)
     if case.body is None:
         return Fitted(list(dressed.vertices))
@@ -74,6 +85,15 @@ def dress(case: Case, shape: Floats, stiffness: float = 0.5) -> Fitted:
         for thing, points, garment in zip(things, vertices, case.garments.values(), strict=True)
     ]
     return Fitted(vertices, keys, joints, [each.toarray() for each in weights])
+
+
+def _align(case: Case, shape: Floats) -> Floats:
+    """The source's vertices in the target's shape, with aligned joints if they are known."""
+    if case.body is None or case.heads is None or case.weights is None:
+        return shape
+    rig = case.body.bones
+    bones, others = (Skeleton(rig.names, rig.parents, heads) for heads in (case.heads, rig.heads))
+    return align_joints(case.source, shape, case.target, JointPairs.of(bones, csr_array(case.weights), others))
 
 
 def bind_to_nearest(case: Case, shape: Floats) -> Fitted:
@@ -153,6 +173,7 @@ def surface_deform(case: Case, shape: Floats) -> Fitted:
 WAYS: dict[str, Way] = {
     "dress": dress,
     "dress, stiff": partial(dress, stiffness=0.8),
+    "dress, by the skin alone": partial(dress, align=False),
     "Surface Deform": surface_deform,
     "nearest triangle": bind_to_nearest,
     "box": scale_box,

@@ -29,6 +29,7 @@ def run(
     pictures: Path | None = None,
     node_modules: Path | None = None,
     panda: Path | None = None,
+    godot: Path | None = None,
 ) -> dict[str, list[Row]]:
     """Make tables of the demo's character, see the modules.
 
@@ -37,12 +38,13 @@ def run(
         pictures: a folder for pictures of the bakes.
         node_modules: a folder of packages for Node.js with further programs that read files.
         panda: a Python program with panda3d.
+        godot: the program of Godot 3 with its editor.
     """
     makers: dict[str, Callable[[], list[Row]]] = {
         "links": lambda: link_each_kind(CELL, VOXEL, VERTICES),
         "levels": lambda: levels_beside_blender(DETAILED, RATIOS),
         "bakes": lambda: bake_both(DETAILED, BAKE_VOXEL, BAKE_VERTICES, pictures),
         "compression": lambda: compress(DETAILED),
-        "loaders": lambda: open_elsewhere(DETAILED, node_modules, panda),
+        "loaders": lambda: open_elsewhere(DETAILED, node_modules, panda, godot),
     }
     return {name: makers[name]() for name in TABLES if name in tables}

@@ -37,13 +37,16 @@ KEYS = {"Smile": 0, "Look Up": 2}
 LIFT, CENTER, REACH = 0.05, (0.0, -0.2, 1.2), 0.15
 
 
-def open_elsewhere(cell: float, node_modules: Path | None = None, panda: Path | None = None) -> list[Row]:
+def open_elsewhere(
+    cell: float, node_modules: Path | None = None, panda: Path | None = None, godot: Path | None = None
+) -> list[Row]:
     """Open a level of the demo's character, in files of each compression, in other programs.
 
     Args:
         cell: edge length of the character, in metres.
         node_modules: a folder of packages for Node.js, see `loaders.mjs`; without it, its programs are left out.
         panda: a Python program with panda3d, see `panda.py`; without it, it is left out.
+        godot: the program of Godot 3 with its editor, see `godot.gd`; without it, it is left out.
     """
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     character, rig = build_character(cell)
@@ -63,6 +66,8 @@ def open_elsewhere(cell: float, node_modules: Path | None = None, panda: Path | 
             rows += _run("node", here / "loaders.mjs", node_modules, *files)
         if panda is not None:
             rows += _run(panda, here / "panda.py", *files)
+        if godot is not None:
+            rows += _run(godot, "-s", here / "godot.gd", *files)
     written = {
         "file": "",
         "reader": "(written)",

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import partial
 from itertools import chain
 from pathlib import Path
@@ -24,6 +24,8 @@ Record = dict[str, Any]
 REPEATS, CANCELS = 3, 20
 # Noticeable duration of a block in seconds.
 NOTICED = 0.15
+# Quantities in which the sides of a mesh are compared.
+CHECKS = ("SHAPE", "WEIGHTS", "KEY")
 TABLES = ("rows", "escape", "undo")
 
 
@@ -61,7 +63,7 @@ def _operators(data: Path) -> dict[str, list[Record]]:
     cold = [_cold() for _ in range(REPEATS)]
     warm = [watch(bpy.ops.zoomout.match) for _ in range(REPEATS)]
     rows = [_row("match, cold", cold), _row("match, warm", warm)]
-    rows += [_row(name, [watch(operate)]) for name, operate in chain(_on_target(data), _on_source(source))]
+    rows += [*_measure_target(data), *_measure_source(source)]
     stages = [{"match": name} | row for name, runs in (("cold", cold), ("warm", warm)) for row in _stages(runs)]
     return {"rows": rows, "stages": stages}
 
@@ -85,40 +87,48 @@ def _cold() -> Watch:
     return watch(bpy.ops.zoomout.match)
 
 
-def _on_target(data: Path) -> Iterator[tuple[str, Callable[[], object]]]:
-    """The operators that use a match, in order."""
+def _measure_target(data: Path) -> list[Record]:
+    """Rows of the operators that use a match, in order."""
     do = bpy.ops.zoomout
-    yield "preview, places", partial(do.preview, kind="PLACES")
-    yield "preview, checker", partial(do.preview, kind="CHECKER")
-    yield "swap sides", do.swap_match_sides
+    rows = [
+        _measure("preview, places", do.preview, kind="PLACES"),
+        _measure("preview, checker", do.preview, kind="CHECKER"),
+        _measure("swap sides", do.swap_match_sides),
+    ]
     do.clear_preview()
-    yield "transfer", do.transfer
-    yield "match, names on both", do.match
+    rows += [_measure("transfer", do.transfer), _measure("match, names on both", do.match)]
     scene.put_together()
-    yield "match, nearest points", partial(do.match, initial="NEAREST")
-    yield "match, same order", partial(do.match, initial="SAME_ORDER")
-    yield "cut along seams", do.cut_seams
+    rows += [
+        _measure("match, nearest points", do.match, initial="NEAREST"),
+        _measure("match, same order", do.match, initial="SAME_ORDER"),
+        _measure("cut along seams", do.cut_seams),
+    ]
     scene.make_collections(data)
-    yield "match collections", do.match_collections
+    return [*rows, _measure("match collections", do.match_collections)]
 
 
-def _on_source(source: Object) -> Iterator[tuple[str, Callable[[], object]]]:
-    """The operators that use a symmetry, in order."""
+def _measure_source(source: Object) -> list[Record]:
+    """Rows of the operators that use a symmetry, in order."""
     do = bpy.ops.zoomout
     select_only(source)
     source.vertex_groups.active_index, source.active_shape_key_index = 0, 1
-    yield "detect symmetry", do.detect_symmetry
-    yield "preview, symmetry", partial(do.preview, kind="PAIRS")
-    yield "swap its sides", do.swap_sides
-    yield "symmetrise weights", do.symmetrise_weights
-    yield "split a shape key", partial(do.mirror_shape_key, key_mode="SPLIT")
-    yield "mirror attributes", do.mirror_attributes
-    for check in ("SHAPE", "WEIGHTS", "KEY"):
-        yield f"check symmetry, {check.lower()}", partial(do.check_symmetry, check=check)
-    yield "select symmetry line", do.select_symmetry_line
-    yield "name sides", do.name_sides
+    rows = [
+        _measure("detect symmetry", do.detect_symmetry),
+        _measure("preview, symmetry", do.preview, kind="PAIRS"),
+        _measure("swap its sides", do.swap_sides),
+        _measure("symmetrise weights", do.symmetrise_weights),
+        _measure("split a shape key", do.mirror_shape_key, key_mode="SPLIT"),
+        _measure("mirror attributes", do.mirror_attributes),
+        *(_measure(f"check symmetry, {check.lower()}", do.check_symmetry, check=check) for check in CHECKS),
+        _measure("select symmetry line", do.select_symmetry_line),
+        _measure("name sides", do.name_sides),
+    ]
     scene.sculpt(source)
-    yield "mirror sculpt", do.mirror_sculpt
+    return [*rows, _measure("mirror sculpt", do.mirror_sculpt)]
+
+
+def _measure(name: str, operator: Callable[..., object], **options: str) -> Record:
+    return _row(name, [watch(partial(operator, **options))])
 
 
 def _row(operator: str, runs: list[Watch]) -> Record:

@@ -29,7 +29,7 @@ Record = dict[str, Any]
 
 @blender_addon.registered()
 def rows(size: Size = SIZE, groups: int = GROUPS, keys: int = KEYS) -> list[Record]:
-    """Transfer everything along the true map, then undo and redo it, as from the keyboard.
+    """Transfer everything along the true map, then undo and redo it, like the keyboard.
 
     Args:
         size: number of vertices of the character and of the target.

@@ -13,7 +13,7 @@ from unittest.mock import patch
 import numpy as np
 
 from blender_addon.jobs import Job, Work
-from blender_addon.operators import modal_operator
+from blender_addon.operators.base import modal_operator
 
 # Seconds between two checks whether threads have ended.
 LOOK = 0.002

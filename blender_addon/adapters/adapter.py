@@ -175,22 +175,6 @@ class TransferJob:
         first = np.cumsum([len(source.triangles) for source in self.pair.sources])
         return np.isin(np.searchsorted(first, self.match.surface_map.triangle, side="right"), list(sources))
 
-    def keep_values(self, carried: Attribute, present: Attribute) -> Attribute:
-        """A transferred attribute that is not blended, with the present values at the `kept` vertices."""
-        if not self.kept.any():
-            return carried
-        return blend(carried, present, self.pair.target, Blend(mask=~self.kept))
-
-    def note_replaced(self, what: str) -> None:
-        """Note that data of the target is replaced, although other data is blended."""
-        if not self.blend.replaces:
-            note = message(
-                "{what}: replaced those of '{target}' instead of blending with them.",
-                what=what,
-                target=self.pair.target_name,
-            )
-            self.remarks.add([note])
-
 
 class Adapter(Protocol):
     """Chosen data of one kind: it has the source's values until `transfer`, then the target's.

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -101,8 +101,8 @@ class KeyDrivers:
                 self.remarks.add(
                     [
                         warning(
-                            "At rest, bones of '{armature}' that drive shape keys point or roll otherwise than those "
-                            "of the source ({bones}): check at which angles these keys act.",
+                            "At rest, bones of '{armature}' that drive shape keys have other directions or rolls "
+                            "than those of the source ({bones}): check at which angles these keys act.",
                             armature=there.name,
                             bones=", ".join(rigs.turned),
                         )
@@ -118,20 +118,23 @@ def _own_armatures(source: Object, target: Object) -> tuple[Object, Object] | No
     return of_source[0], of_target[0]
 
 
-def notes_on_drivers(result: Redirected, obj: Object) -> Iterator[Message]:
+def notes_on_drivers(result: Redirected, obj: Object) -> list[Message]:
     """Sentences on drivers of an object's keys that could not be redirected."""
+    notes = []
     if result.removed:
-        yield warning(
-            "Shape keys without their drivers ({keys}): '{object}' and its armature lack what these read ({lacking}).",
-            keys=", ".join(result.removed),
-            object=obj.name,
-            lacking=", ".join(result.lacking),
+        notes.append(
+            warning(
+                "Shape keys without their drivers ({keys}): '{object}' and its armature lack what these read "
+                "({lacking}).",
+                keys=", ".join(result.removed),
+                object=obj.name,
+                lacking=", ".join(result.lacking),
+            )
         )
     if result.outside:
-        yield message(
-            "Drivers of shape keys still read other objects: {names}.",
-            names=", ".join(f"'{name}'" for name in result.outside),
-        )
+        names = ", ".join(f"'{name}'" for name in result.outside)
+        notes.append(message("Drivers of shape keys still read other objects: {names}.", names=names))
+    return notes
 
 
 def read_key_drivers(

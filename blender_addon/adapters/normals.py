@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from bpy.types import Object
@@ -15,9 +15,10 @@ from zoomout_core.transfer import Attribute
 from .. import mesh_data
 from .adapter import Adapter, Remarks, TransferJob, TransferRequest
 
-# Vertices of the target on each face of the source, from which on the source's facets would show as streaks. A closed
-# triangle mesh has half as many vertices as faces, so eight faces lie on each: the facets of the target itself, whose
-# angles shrink with the square root of the number of faces, are about a third of the source's.
+# Number of target vertices per face of the source above which the source's facets would show as streaks. A closed
+# triangle mesh has half as many vertices as faces, so there are eight target faces per source face. The angles between
+# facets shrink with the square root of the number of faces, so those of the target itself are about a third of the
+# source's.
 MUCH_FINER = 4
 
 
@@ -28,13 +29,15 @@ class NormalAdapter:
     Attributes:
         normals: the source's in world space, after the transfer the target's in the space of its mesh.
         target: surface of the target's own mesh, at rest, for which normals are stored.
-        present: the normals that it has.
+        present: the normals that it shows.
+        custom: whether these are custom ones.
         alone: whether nothing else was requested, so that they are transferred to any target.
     """
 
     normals: Attribute
     target: zo.Surface
     present: Attribute
+    custom: bool
     alone: bool
     omitted: bool = False
     kind: str = "custom_normals"
@@ -52,9 +55,14 @@ class NormalAdapter:
                 "Normals to get them anyway"
             )
             return
-        job.note_replaced(message("custom normals"))
-        self.normals = job.transfer(self.normals, message("custom normals"), target=self.target)
-        self.normals = job.keep_values(self.normals, self.present)
+        if job.blend.mode == "missing":
+            if self.custom:
+                self.omitted = True
+                job.remarks.skipped[message("custom normals")] = "the target has its own"
+                return
+            job = replace(job, blend=replace(job.blend, mode="mix"))
+        carried = job.transfer(self.normals, message("custom normals"), target=self.target)
+        self.normals = job.blend_values(carried, self.present)
 
     def write(self, target: Object) -> None:
         if not self.omitted:
@@ -74,6 +82,7 @@ def collect(request: TransferRequest, remarks: Remarks) -> list[Adapter]:
     normals = mesh_data.read_joined_normals(request.sources)
     if normals is None:
         return []
-    present = mesh_data.read_own_normals(request.target.data)
+    mesh = request.target.data
+    present, custom = mesh_data.read_own_normals(mesh), mesh.has_custom_normals
     alone = set(request.data) == {"custom_normals"}
-    return [NormalAdapter(normals, mesh_data.read_surface_at_rest(request.target), present, alone)]
+    return [NormalAdapter(normals, mesh_data.read_surface_at_rest(request.target), present, custom, alone)]

@@ -82,6 +82,31 @@ def collect(request: TransferRequest, remarks: Remarks) -> list[Adapter]:
     remarks.skipped |= dict.fromkeys(closed, "the target's vertex group is locked")
     if not open_columns:
         return []
+    labels = tuple(weights.labels[i] for i in open_columns)
+    _warn_of_names(request, weights, labels, remarks)
+    deforming = _deforming_groups(weights, lacking, request, remarks)
+    _warn_of_foreign_groups(request, deforming.intersection(labels), remarks)
+    columns = [i for i, name in enumerate(weights.labels) if name in deforming]
+    sharing = {
+        "normalised": np.array([name in deforming for name in labels]),
+        "sums": weights.values[:, columns].sum(axis=1),
+    }
+    if settings.limit:
+        sharing["limit"] = settings.limit
+    locked_deforming = locked & deforming
+    present = None
+    if locked_deforming or lacking or not request.replaces:
+        present = mesh_data.read_weights(target, target.data)
+    if locked_deforming and present:
+        columns = [i for i, name in enumerate(present.labels) if name in locked_deforming]
+        sharing["room"] = np.clip(1 - present.values[:, columns].sum(axis=1), 0, 1)
+    chosen = replace(weights, values=weights.values[:, open_columns], labels=labels)
+    return [WeightAdapter(chosen, sharing, deforming, present, lacking)]
+
+
+def _warn_of_names(request: TransferRequest, weights: Attribute, labels: tuple[str, ...], remarks: Remarks) -> None:
+    """Warn if groups have no weights, or the names of attributes of the target."""
+    target = request.target
     if weights.values.nnz == 0:
         remarks.notes.append(
             warning(
@@ -89,7 +114,6 @@ def collect(request: TransferRequest, remarks: Remarks) -> list[Adapter]:
                 source=request.source.name,
             )
         )
-    labels = tuple(weights.labels[i] for i in open_columns)
     hidden = [name for name in labels if name in target.data.attributes]
     if hidden:
         remarks.notes.append(
@@ -100,35 +124,22 @@ def collect(request: TransferRequest, remarks: Remarks) -> list[Adapter]:
                 names=", ".join(hidden),
             )
         )
-    deforming = _deforming_groups(weights, lacking, request, remarks)
-    own_bones = mesh_data.deforming_bones(target)
-    foreign = sorted(deforming.intersection(labels) - own_bones) if settings.mask_group and own_bones else []
+
+
+def _warn_of_foreign_groups(request: TransferRequest, deforming: set[str], remarks: Remarks) -> None:
+    """Warn if a part of the target receives groups of bones that its armature lacks."""
+    own_bones = mesh_data.deforming_bones(request.target)
+    foreign = sorted(deforming - own_bones) if request.settings.mask_group and own_bones else []
     if foreign:
         remarks.notes.append(
             warning(
-                "The armature of '{target}' has no bones of {count} vertex groups, such as '{group}', which will not "
-                "move in the mask: rename them with Rename Groups, or transfer without Vertex Groups.",
-                target=target.name,
+                "The armature of '{target}' has no bones for {count} vertex groups, such as '{group}', so they will "
+                "not move within the mask: rename them with Rename Groups, or transfer without Vertex Groups.",
+                target=request.target.name,
                 count=len(foreign),
                 group=foreign[0],
             )
         )
-    columns = [i for i, name in enumerate(weights.labels) if name in deforming]
-    sharing = {
-        "normalised": np.array([name in deforming for name in labels]),
-        "sums": weights.values[:, columns].sum(axis=1),
-    }
-    if settings.limit:
-        sharing["limit"] = settings.limit
-    locked_deforming = locked & deforming
-    present = (
-        mesh_data.read_weights(target, target.data) if locked_deforming or lacking or not request.replaces else None
-    )
-    if locked_deforming and present:
-        columns = [i for i, name in enumerate(present.labels) if name in locked_deforming]
-        sharing["room"] = np.clip(1 - present.values[:, columns].sum(axis=1), 0, 1)
-    chosen = replace(weights, values=weights.values[:, open_columns], labels=labels)
-    return [WeightAdapter(chosen, sharing, deforming, present, lacking)]
 
 
 def _deforming_groups(

@@ -20,6 +20,7 @@ import bpy
 import zoomout_core as zo
 from zoomout_core.assets.files import inputs_of
 from zoomout_core.matching.report.notes import select_notes
+from zoomout_core.mesh.formats.blender_files import split_asset
 from zoomout_core.messages import note_figures, note_lines
 from zoomout_core.runtime.interrupts import INTERRUPTED, handle_interrupts
 from zoomout_core.runtime.outputs import atomic_write, check_output
@@ -111,7 +112,7 @@ def _run(command_line: Sequence[str]) -> int:
             if command not in WRITING:
                 save_scene(options.save, [] if options.in_place else _inputs(options))
             report["saved"] = options.save
-    except (ValueError, OSError, RuntimeError) as error:  # Blender raises the last, as for a full disk
+    except (ValueError, OSError, RuntimeError) as error:  # Blender raises the last, such as on a full disk
         report["error"] = str(error)
         failed = [report["error"]]
     report[done] = {name: _with_warnings(entry) for name, entry in report[done].items()}
@@ -162,8 +163,8 @@ def _check_paths(options: argparse.Namespace) -> None:
 def _inputs(options: argparse.Namespace) -> list[str | Path]:
     """The files that a command reads, and those that the open file and the two files of some commands name."""
     named = (getattr(options, name, "") for name in ("map_file", "map", "file"))
-    carried = inputs_of(options.source, options.target) if options.command in OF_FILES else []
-    return [*filter(None, [bpy.data.filepath, *named, *bpy.utils.blend_paths(absolute=True)]), *carried]
+    files = [split_asset(Path(options.source))[0], options.target] if options.command in OF_FILES else []
+    return [*filter(None, [bpy.data.filepath, *named, *bpy.utils.blend_paths(absolute=True)]), *inputs_of(*files)]
 
 
 def _is_complete(command: str, failed: int, entries: int) -> bool:

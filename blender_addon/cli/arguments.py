@@ -121,12 +121,16 @@ def _add_carry(parser: argparse.ArgumentParser) -> None:
     parser.description = (
         "Transfer the data of the visible meshes in the file SOURCE to those in the file TARGET. Each file is "
         "matched as one body, unless a map is given. Supported files are .blend, .fbx, .glb, .gltf, .obj, .ply and "
-        ".stl. Data that the targets do not use is not copied."
+        ".stl; SOURCE may also be an asset in one, such as pack.blend/Collection/Hero. Data that the targets do not "
+        "use is not copied."
     )
     _add_two_files(parser)
     parser.add_argument("--data", nargs="+", choices=DATA, default=USUAL_DATA, metavar="KIND", help=", ".join(DATA))
     for group in (BlendOptions, BindChoice, BindOptions):
         _add_options(parser, group)
+    parser.add_argument(
+        "--move-rig", action="store_true", help="bind to a copy of the armature whose bones move into the target"
+    )
 
 
 def _add_two_files(parser: argparse.ArgumentParser) -> None:
@@ -147,9 +151,9 @@ def _add_faces(parser: argparse.ArgumentParser) -> None:
     """Add options of a transfer of expression keys."""
     parser.description = (
         "Transfer the shape keys of the visible meshes in the file SOURCE to those in the file TARGET, as `carry` "
-        "does, and draw each key at full strength on both heads side by side, at rest and without modifiers. Red "
-        "are edges that stretch much more than on the source, and faces that intersect others, unlike at rest and on "
-        "the source."
+        "does, and draw each key at full strength on both heads side by side, at rest and without modifiers. Edges "
+        "that stretch much more than on the source are red, and so are faces that intersect others although they do "
+        "not at rest or on the source."
     )
     _add_two_files(parser)
     parser.add_argument("--sheet", required=True, metavar="SHEET.png", help="picture to write, a tile for each key")
@@ -174,8 +178,10 @@ def _add_outfits(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="PATTERN",
-        help="name of objects or materials of bodies, such as 'Body*'; may be repeated; by default, words in their "
-        "names tell",
+        help=(
+            "name of objects or materials of bodies, such as 'Body*'; may be repeated; by default, bodies are "
+            "recognized by words in their names"
+        ),
     )
     parser.add_argument("--format", choices=("blend", "fbx", "glb"), help="format to write, if not that of the avatar")
     parser.add_argument("--restart", action="store_true", help="compute everything again")
@@ -204,8 +210,9 @@ def _add_surface(parser: argparse.ArgumentParser) -> None:
 def _add_assets(parser: argparse.ArgumentParser) -> None:
     """Add options of reading the assets of a file."""
     parser.description = (
-        "Write each collection and mesh object of a .blend file that is marked for the Asset Browser as a PLY file, "
-        "with modifiers, in world space; and all visible meshes of a file that is not mostly marked as one."
+        "Write each collection and mesh object that is marked for the Asset Browser in a .blend file as a PLY file, "
+        "with modifiers, in world space. If most of the file is not marked, all of its visible meshes are also "
+        "written as one PLY file."
     )
     parser.add_argument("file", metavar="FILE", help="file, as for `carry`")
     parser.add_argument("--folder", required=True, metavar="FOLDER", help="folder to write the surfaces to")
@@ -284,37 +291,34 @@ def _add_symmetry(parser: argparse.ArgumentParser) -> None:
 def _add_options(parser: argparse.ArgumentParser, group: type, names: Iterable[str] = ()) -> None:
     """Add all or some options of a group of properties."""
     for name in names or group.__annotations__:
-        option = group.__annotations__[name]
-        definition, kind = option.keywords, _kind(option)
-        flag, default = "--" + name.removeprefix("use_").replace("_", "-"), definition.get("default")
-        keywords: dict[str, Any] = {
-            "dest": name,
-            "default": default,
-            "help": definition["description"].replace("%", "%%"),
-        }
-        if kind == "Bool" and default:
-            parser.add_argument(
-                flag.replace("--", "--no-", 1),
-                action="store_false",
-                **keywords | {"help": f"turn off: {keywords['help']}"},
-            )
-        elif kind == "Bool":
-            parser.add_argument(flag, action="store_true", **keywords)
-        elif kind == "Enum":
-            choices = MORE_CHOICES.get(name) or tuple(identifier.lower() for identifier, *_ in definition["items"])
-            parser.add_argument(flag, choices=choices, type=str.lower, **keywords | {"default": default.lower()})
-        elif kind == "String":
-            parser.add_argument(flag, metavar="TEXT", **keywords | {"default": ""})
-        else:
-            is_angle = definition.get("subtype") == "ANGLE"
-            turn = math.degrees if is_angle else float if kind == "Float" else int
-            least, most = (None if definition.get(end) is None else turn(definition[end]) for end in ("min", "max"))
-            keywords |= {"default": round(turn(default), 6)} | (
-                {"help": f"{keywords['help']}, in degrees"} if is_angle else {}
-            )
-            parser.add_argument(
-                flag, type=_number(int if kind == "Int" else float, least, most), metavar="N", **keywords
-            )
+        flag = "--" + name.removeprefix("use_").replace("_", "-")
+        flag, keywords = _argument(flag, name, group.__annotations__[name])
+        parser.add_argument(flag, dest=name, **keywords)
+
+
+def _argument(flag: str, name: str, option: Any) -> tuple[str, dict[str, Any]]:
+    """The flag and the keywords by which argparse reads a Blender property."""
+    definition, kind = option.keywords, _kind(option)
+    default, explanation = definition.get("default"), definition["description"].replace("%", "%%")
+    if kind == "Bool" and default:
+        about = {"action": "store_false", "default": default, "help": f"turn off: {explanation}"}
+        return flag.replace("--", "--no-", 1), about
+    if kind == "Bool":
+        return flag, {"action": "store_true", "default": default, "help": explanation}
+    if kind == "Enum":
+        choices = MORE_CHOICES.get(name) or tuple(identifier.lower() for identifier, *_ in definition["items"])
+        return flag, {"choices": choices, "type": str.lower, "default": default.lower(), "help": explanation}
+    if kind == "String":
+        return flag, {"metavar": "TEXT", "default": "", "help": explanation}
+    is_angle = definition.get("subtype") == "ANGLE"
+    convert = math.degrees if is_angle else float if kind == "Float" else int
+    low, high = (None if definition.get(end) is None else convert(definition[end]) for end in ("min", "max"))
+    return flag, {
+        "type": _number(int if kind == "Int" else float, low, high),
+        "metavar": "N",
+        "default": round(convert(default), 6),
+        "help": f"{explanation}, in degrees" if is_angle else explanation,
+    }
 
 
 def _number(kind: type, least: float | None, most: float | None) -> Callable[[str], float]:
@@ -328,7 +332,7 @@ def _number(kind: type, least: float | None, most: float | None) -> Callable[[st
             raise argparse.ArgumentTypeError(f"{text} is more than {most:g}")
         return number
 
-    read.__name__ = kind.__name__  # argparse uses it in the error where a text is no number
+    read.__name__ = kind.__name__  # argparse uses it in the error where a text is not a number
     return read
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -97,6 +98,7 @@ def carry(context: Context, options: argparse.Namespace) -> dict[str, Any]:
     Raises:
         MeshError: a file cannot be used, or the map belongs to other files.
     """
+    binding = BindOptions.how_to_bind(as_in_sidebar(options, BindOptions))
     outcome = carry_file(
         context,
         options.source,
@@ -104,7 +106,7 @@ def carry(context: Context, options: argparse.Namespace) -> dict[str, Any]:
         options.save,
         options.data,
         BlendOptions.settings(as_in_sidebar(options, BlendOptions)),
-        BindOptions.how_to_bind(as_in_sidebar(options, BindOptions)) if options.bind else None,
+        replace(binding, move_rig=options.move_rig) if options.bind or options.move_rig else None,
         options.map,
         options.detail,
         options.in_place,

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -31,8 +30,7 @@ def run(context: Context, options: argparse.Namespace) -> dict[str, Any]:
         try:
             obj = writable_mesh(context, name)
             try:
-                for sentence in _work(context, obj, options):
-                    entry["done"].append(sentence)
+                _work(context, obj, options, entry["done"])
             finally:  # list the symmetries even after an error, so that the user can choose another
                 entry |= _describe(obj) if _is_known(obj) else {}
             entry["asymmetry"] = {check: _asymmetry(context, name, check) for check in options.check}
@@ -41,23 +39,23 @@ def run(context: Context, options: argparse.Namespace) -> dict[str, Any]:
     return report
 
 
-def _work(context: Context, obj: Object, options: argparse.Namespace) -> Iterator[str]:
-    """Do the requested steps in turn; yields a sentence about each."""
+def _work(context: Context, obj: Object, options: argparse.Namespace, done: list[str]) -> None:
+    """Do the requested steps in turn, and add a sentence about each to `done`, so that it has those before an error."""
     if options.anew or not _is_known(obj):
         found = detect_symmetry(context, obj, options.left.upper())
-        yield found_summary(obj.name, found)
+        done.append(found_summary(obj.name, found))
     if options.use:
-        yield choose_symmetry(context, obj, options.use - 1)
+        done.append(choose_symmetry(context, obj, options.use - 1))
     if options.swap_sides:
-        yield swap_sides(context, obj)
+        done.append(swap_sides(context, obj))
     if options.name_sides:
-        yield name_sides(obj, options.middle_width)
+        done.append(name_sides(obj, options.middle_width))
     if options.symmetrise_weights:
-        yield symmetrise_weights(context, obj, options.direction)
+        done.append(symmetrise_weights(context, obj, options.direction))
     for key in options.mirror_shape_keys:
-        yield mirror_shape_key(context, obj, key, options.key_mode, options.direction, options.blend)
+        done.append(mirror_shape_key(context, obj, key, options.key_mode, options.direction, options.blend))
     if options.mirror_attributes:
-        yield mirror_attributes(context, obj, options.mirror_attributes, options.direction, options.uv_layout)
+        done.append(mirror_attributes(context, obj, options.mirror_attributes, options.direction, options.uv_layout))
 
 
 def _is_known(obj: Object) -> bool:

@@ -84,7 +84,7 @@ from .materials import read_materials, write_materials
 from .moved_rig import RigBones, bends_at_rest, child_of_constraints, copy_rig, read_rig_bones
 from .normals import read_custom_normals, read_normals, read_own_normals, write_custom_normals
 from .object_pair import Fingerprint, ObjectPair
-from .outfit_bones import OutfitBones, add_outfit_bones, bind_to_other, read_outfit_bones
+from .outfit_bones import OutfitBones, add_outfit_bones, bind_to_other, bones_copied_from, read_outfit_bones
 from .selection import read_selection, select_only, write_selection
 from .shape_keys import (
     ShapeKey,
@@ -208,6 +208,7 @@ __all__ = [
     "bind_like",
     "bind_to_other",
     "bind_worn_copy",
+    "bones_copied_from",
     "bones_of_drivers",
     "can_be_put",
     "child_of_constraints",

@@ -108,7 +108,7 @@ class HeldKeys:
         self._muted = {place: curve.mute for place, curve in _curves_of_keys(obj)}
 
     def play(self, obj: Object, name: str, value: float) -> None:
-        """Show one key at a value, and no other, even if drivers and animations say otherwise."""
+        """Show one key at a value, and no other, regardless of drivers and animations."""
         obj.show_only_shape_key = False
         for _, curve in _curves_of_keys(obj):
             curve.mute = True
@@ -143,7 +143,7 @@ def _curves_of_keys(obj: Object) -> list[tuple[tuple[str, str], FCurve]]:
 
 
 def turn_bones(armature: Object, turns: Mapping[str, Floats]) -> None:
-    """Turn the bones of an armature from rest; those that are not named are at rest.
+    """Rotate named bones of an armature from rest; all others are at rest.
 
     Args:
         armature: the armature.

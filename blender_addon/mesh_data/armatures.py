@@ -48,7 +48,7 @@ class Bones:
     heads: Floats
 
     def without(self, names: Collection[str]) -> Bones:
-        """The bones that have none of some names; children of these have no parent."""
+        """The bones except those of some names, whose children lose their parent."""
         kept = [number for number, name in enumerate(self.names) if name not in names]
         number = np.full(len(self.names) + 1, -1)
         number[kept] = np.arange(len(kept))
@@ -88,7 +88,7 @@ def preserves_volume(obj: Object) -> bool:
 
 
 def bind_like(source: Object, target: Object) -> None:
-    """Give an object the armature modifiers of another one, and their armature as its parent, in the same place."""
+    """Give an object the armature modifiers of another one, and parent it to their armature at the same place."""
     given = armature_modifiers(source)
     place = _place_of_modifiers(source, target)
     for number, one in enumerate(given):
@@ -109,7 +109,7 @@ def copy_modifier(modifier: ArmatureModifier, obj: Object, place: int) -> None:
 
 
 def hang_like(source: Object, target: Object) -> None:
-    """Give an object the parent and the transform of another one."""
+    """Copy the parent and the transform of another object."""
     for name in (*OF_PARENT, *OF_PLACE, *DELTAS):
         setattr(target, name, copy_value(getattr(source, name)))
 
@@ -185,7 +185,7 @@ def reshape(
 
 
 def stands_as_modelled(obj: Object, seen: Floats) -> bool:
-    """Whether visible vertices (n, 3), in world space, are where the object's own mesh has them."""
+    """Whether visible vertices (n, 3), in world space, have the positions of the object's own mesh."""
     off = np.abs(positions_in_world(obj, read_rest_positions(obj.data)) - seen).max(initial=0)
     return bool(off <= ROUNDING * np.ptp(seen, axis=0).max(initial=0))
 

@@ -157,7 +157,7 @@ def values_through_modifiers(obj: Object, depsgraph: Depsgraph, values: Floats) 
 
 
 def remove_generating(obj: Object, keep: str = "") -> None:
-    """Remove an object's modifiers from the first on that may change its vertices, except those in `POSING`.
+    """Remove the first modifier of an object that may change its vertices and all after it, except those in `POSING`.
 
     The modifier named `keep` stays.
     """

@@ -76,7 +76,7 @@ def write_body_keys(obj: Object, body: Object, keys: Sequence[ShapeKey], offsets
 
 
 def _drive(driven: Key, driving: Key, name: str) -> None:
-    """Let the value of one key drive that of another one with the same name, without an expression."""
+    """Drive a key by the key of the same name on another object, without an expression."""
     block = driven.key_blocks[name]
     block.driver_remove("value")
     driver = block.driver_add("value").driver

@@ -112,7 +112,7 @@ class ActiveLayers:
     color_render: str | None
 
     def among(self, names: Collection[str]) -> ActiveLayers:
-        """The same, with None in place of other names."""
+        """The same active layers, with None in place of names that are not given."""
         return ActiveLayers(*(name if name in names else None for name in astuple(self)))
 
 
@@ -145,7 +145,7 @@ def count_layers(mesh: Mesh) -> dict[Role, int]:
 def _list_attributes(mesh: Mesh) -> Iterator[tuple[str, Role, str | None]]:
     """Name and role of each attribute, in the order of Blender's lists, and why it cannot be transferred, if so.
 
-    Selection, hiding, what nodes captured, and the mesh's own link are left out, which nobody misses.
+    Selection, hiding, attributes captured by nodes, and the mesh's own link are left out silently.
     """
     roles = dict.fromkeys(mesh.uv_layers.keys(), Role.UV_MAP)
     roles |= dict.fromkeys(mesh.color_attributes.keys(), Role.COLOR)

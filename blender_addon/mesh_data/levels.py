@@ -49,7 +49,7 @@ SMOOTH = "smooth"
 
 @dataclass(frozen=True, eq=False)
 class DetailedMesh:
-    """The mesh of an object, in its own space at rest, and what its levels take from it.
+    """The mesh of an object, in its own space at rest, and the data that its levels take from it.
 
     Attributes:
         asset: the mesh; its layers have the names "uv 0" or "layer 0" with their numbers.

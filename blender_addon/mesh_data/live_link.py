@@ -97,7 +97,7 @@ def link_modifier(obj: Object) -> NodesModifier | None:
 def write_link(target: Object, source: Object, evaluated: zo.Surface, layers: Sequence[LinkedLayer]) -> None:
     """Link layers of a target to those of a source; replaces an earlier link.
 
-    The modifier becomes the first one, so that other modifiers use its values.
+    It becomes the first modifier, so that other modifiers use its values.
 
     Args:
         target: the object that follows.

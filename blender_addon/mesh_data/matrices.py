@@ -41,7 +41,7 @@ def transform_points(matrix: Floats, positions: Floats) -> Floats:
 
 
 def _parts(obj: Object) -> list[Floats]:
-    """The matrices (4, 4) whose product is an object's world matrix, unless something else moves it."""
+    """The matrices (4, 4) whose product is an object's world matrix; only that if something else moves it."""
     if obj.constraints or (obj.parent is not None and obj.parent_type not in BY_MATRIX):
         return [np.array(obj.matrix_world, np.float64)]
     own = np.array(obj.matrix_basis, np.float64)

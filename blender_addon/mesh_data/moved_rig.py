@@ -117,9 +117,9 @@ def child_of_constraints(armature: Object) -> tuple[str, ...]:
 
 
 def bends_at_rest(armature: Object, made: Object) -> dict[str, float]:
-    """The deforming bones of a copy that constraints turn at rest although they do not on the original, in degrees.
+    """The deforming bones of a copy that constraints rotate at rest, unlike on the original, in degrees.
 
-    Bones that the original has turned at present do not count.
+    Bones that are rotated on the original at present are ignored.
     """
     before, after = (
         {bone.name: _turn(bone) for bone in each.pose.bones if bone.bone.use_deform} for each in (armature, made)

@@ -64,6 +64,11 @@ def weight_of_bones(obj: Object) -> dict[str, float]:
     return {name: float(total) for name, total in zip(weights.labels, sums, strict=True) if total > 0}
 
 
+def bones_copied_from(armature: Object, source: str) -> set[str]:
+    """The names of an armature's bones that were copied from another one, named `source`."""
+    return {bone.name for bone in armature.data.bones if bone.get(COPIED_FROM) == source}
+
+
 def read_outfit_bones(
     armature: Object, target: Object, bodies: Iterable[Object], worn: Sequence[Object]
 ) -> OutfitBones:
@@ -71,7 +76,7 @@ def read_outfit_bones(
 
     Bones that the target armature has itself are left out.
     """
-    present = {bone.name for bone in target.data.bones if bone.get(COPIED_FROM) != armature.name}
+    present = {bone.name for bone in target.data.bones} - bones_copied_from(target, armature.name)
     of_body = {name for body in bodies for name in weight_of_bones(body)}
     of_worn = {obj.name: weight_of_bones(obj) for obj in worn}
     of_any = {name for weights in of_worn.values() for name in weights}

@@ -183,7 +183,7 @@ def area_in_world(obj: Object) -> float:
 
 
 def is_flat(obj: Object) -> bool:
-    """Whether an object's matrix is singular, as with a scale of zero."""
+    """Whether an object's matrix is singular, such as with a scale of zero."""
     return bool(np.linalg.matrix_rank(np.array(obj.matrix_world)[:3, :3]) < 3)
 
 

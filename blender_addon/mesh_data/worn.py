@@ -199,7 +199,7 @@ def dress_name(wearer: str) -> str:
 
 
 def original_name(obj: Object, wearer: str) -> str:
-    """The name of the object that was copied for a wearer to make this one; that of this one if it is no such copy."""
+    """The name of the object that was copied for a wearer to make this one; its own name if it is not such a copy."""
     is_copy = is_worn_copy(obj) and any(each.name == dress_name(wearer) for each in obj.users_collection)
     return str(obj[COPY_OF]) if is_copy else obj.name
 

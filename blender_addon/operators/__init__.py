@@ -1,17 +1,19 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Operators: thin wrappers of functions that scripts can call as well."""
 
-from . import find_source, live_link, select_faults, symmetry
+from . import find_source, live_link, symmetry
 from .bake_textures import ZOOMOUT_OT_bake_textures
-from .bend_match import ZOOMOUT_OT_bend_match
 from .bind_to_rig import ZOOMOUT_OT_bind_to_rig
-from .candidates import ZOOMOUT_OT_swap_match_sides, ZOOMOUT_OT_use_candidate
 from .check_motion import ZOOMOUT_OT_check_motion
 from .choose_data import ZOOMOUT_OT_choose_data
 from .clear_data import ZOOMOUT_OT_clear_match_data
-from .cut_seams import ZOOMOUT_OT_cut_seams
 from .dress import ZOOMOUT_OT_dress
-from .landmarks import (
+from .make_lods import ZOOMOUT_OT_make_lods
+from .matching import select_faults
+from .matching.bend_match import ZOOMOUT_OT_bend_match
+from .matching.candidates import ZOOMOUT_OT_swap_match_sides, ZOOMOUT_OT_use_candidate
+from .matching.cut_seams import ZOOMOUT_OT_cut_seams
+from .matching.landmarks import (
     ZOOMOUT_OT_clear_landmarks,
     ZOOMOUT_OT_confirm_landmarks,
     ZOOMOUT_OT_face_landmarks,
@@ -19,15 +21,14 @@ from .landmarks import (
     ZOOMOUT_OT_landmarks_from_selected,
     ZOOMOUT_OT_remove_landmark,
 )
-from .make_lods import ZOOMOUT_OT_make_lods
-from .match import ZOOMOUT_OT_match
-from .match_collections import ZOOMOUT_OT_match_collections
+from .matching.match import ZOOMOUT_OT_match
+from .matching.match_collections import ZOOMOUT_OT_match_collections
+from .matching.place_landmarks import ZOOMOUT_OT_place_landmarks
 from .move_rig import ZOOMOUT_OT_move_rig
-from .place_landmarks import ZOOMOUT_OT_place_landmarks
 from .play_expressions import ZOOMOUT_OT_play_expressions
+from .play_test_poses import ZOOMOUT_OT_test_poses
 from .preview import ZOOMOUT_OT_clear_preview, ZOOMOUT_OT_preview
 from .rename_shape_keys import ZOOMOUT_OT_rename_shape_keys
-from .test_poses import ZOOMOUT_OT_test_poses
 from .transfer import ZOOMOUT_OT_transfer
 from .wrap import ZOOMOUT_OT_wrap
 

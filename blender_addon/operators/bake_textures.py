@@ -15,7 +15,7 @@ from ..scene.selection import chosen_targets, match_source
 from ..services.bake import Baking, prepare_bake, summary
 from ..services.targets import each_target
 from ..viewport import preview
-from .matched import MatchedOperator
+from .base.matched_operator import MatchedOperator
 
 
 class ZOOMOUT_OT_bake_textures(BakeOptions, MatchedOperator):

@@ -18,7 +18,7 @@ from ..services.binding.write import hide_sources
 from ..services.targets import Write, each_target
 from ..services.transfer import done, prepare_transfer
 from ..viewport import preview
-from .modal_operator import ModalOperator
+from .base.modal_operator import ModalOperator
 
 
 class ZOOMOUT_OT_bind_to_rig(SourceName, MatchOptions, BlendOptions, BindOptions, BindView, ModalOperator):

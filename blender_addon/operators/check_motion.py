@@ -9,7 +9,7 @@ from zoomout_core.messages import sentences
 from zoomout_core.transfer.rigging.motion import note_on_motions
 
 from ..services.check_motion import check_motion_async
-from .matched import MatchedOperator
+from .base.matched_operator import MatchedOperator
 
 
 class ZOOMOUT_OT_check_motion(MatchedOperator):

@@ -12,8 +12,8 @@ from zoomout_core.runtime.progress import stage
 from ..jobs import pause
 from ..services.clear_data import clear_file, clear_match_data
 from ..translations import translated
-from . import activity
-from .modal_operator import ModalOperator
+from .base import activity
+from .base.modal_operator import ModalOperator
 
 OF_FILE = (
     "Remove all matches, candidates, reports, symmetries and landmarks from all meshes and scenes of this file. "

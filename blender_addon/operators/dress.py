@@ -19,7 +19,7 @@ from ..services.dressing.dress import prepare_dress, summary
 from ..services.dressing.read import Dressing
 from ..services.targets import WRITING
 from ..viewport import preview
-from .modal_operator import ModalOperator
+from .base.modal_operator import ModalOperator
 
 
 class ZOOMOUT_OT_dress(SourceName, MatchOptions, DressOptions, ModalOperator):

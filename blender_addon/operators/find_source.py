@@ -13,8 +13,8 @@ from zoomout_core.messages import Message, message, probability
 from ..properties.once import ONCE
 from ..services.library import append_source, find_source_async, library_folders
 from ..translations import reported, translated
-from . import activity
-from .modal_operator import ModalOperator
+from .base import activity
+from .base.modal_operator import ModalOperator
 
 
 class ZOOMOUT_OT_find_source(ModalOperator):
@@ -81,8 +81,8 @@ class ZOOMOUT_OT_append_source(Operator):
     bl_idname = "zoomout.append_source"
     bl_label = "Append Source"
     bl_description = (
-        "Append the objects of this file, and use its largest mesh as the source. A file that fits only a part better "
-        "also sets Mask to the vertex groups of that part, so that the next transfer keeps the rest"
+        "Append the objects of this file, and use its largest mesh as the source. If the file fits only a part "
+        "better, Mask is set to the vertex groups of that part, so that the next transfer keeps the rest"
     )
     bl_options = {"REGISTER", "UNDO"}
 

@@ -17,7 +17,7 @@ from ..services.live_link import link_of, prepare_link, prepare_update, summary
 from ..services.targets import Write, each_target
 from ..translations import translated
 from ..viewport import preview
-from .matched import MatchedOperator
+from .base.matched_operator import MatchedOperator
 
 
 class LinkOperator(MatchedOperator):

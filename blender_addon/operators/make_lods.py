@@ -16,7 +16,7 @@ from ..properties.settings import take_settings
 from ..scene.selection import chosen_targets
 from ..services.lods import LevelChoice, prepare_levels, summary
 from ..services.targets import each_target
-from .modal_operator import ModalOperator
+from .base.modal_operator import ModalOperator
 
 
 class ZOOMOUT_OT_make_lods(LevelOptions, ModalOperator):

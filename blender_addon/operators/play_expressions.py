@@ -12,7 +12,7 @@ from zoomout_core.messages import message
 from ..mesh_data import HeldKeys
 from ..services.expressions import Faults, faults_of_keys, names_of_keys
 from ..viewport import overlay, preview
-from .play import PlayOperator
+from .base.play_operator import PlayOperator
 
 # The strength of a key over the share of its time: half, full, and back.
 TIMES, STRENGTHS = (0, 0.12, 0.4, 0.52, 0.88, 1), (0, 0.5, 0.5, 1, 1, 0)
@@ -23,8 +23,9 @@ class ZOOMOUT_OT_play_expressions(PlayOperator):
     bl_label = "Play Expressions"
     bl_description = (
         "Play the shape keys of the active mesh, and of the source that it was matched with, at half and at full "
-        "strength. Red: edges that stretch far more than on the source, and faces that go through others, such as "
-        "lips through teeth, unlike at rest and on the source. The arrow keys go to other keys; a click or ESC ends it "
+        "strength. Red: edges that stretch far more than on the source, and faces that intersect others although "
+        "they do not at rest or on the source, such as lips and teeth. The arrow keys go to other keys; a click or "
+        "ESC ends it "
         "and restores the values"
     )
     bl_options = {"REGISTER"}

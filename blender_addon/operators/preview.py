@@ -15,7 +15,7 @@ from ..services.matching import previews
 from ..translations import translated
 from ..viewport import preview
 from ..viewport.preview import ASYMMETRY, OF_BINDING, OF_MATCH, OF_SYMMETRY
-from .modal_operator import ModalOperator
+from .base.modal_operator import ModalOperator
 
 # Asymmetry has options, and therefore a separate operator.
 KINDS = {name: kind for name, kind in (OF_MATCH | OF_BINDING | OF_SYMMETRY).items() if name != ASYMMETRY}

@@ -10,7 +10,7 @@ from bpy.types import Context, Event
 from zoomout_core.transfer.keys.key_table import CONVENTIONS
 
 from ..services.key_names import rename_shape_keys
-from .modal_operator import ModalOperator
+from .base.modal_operator import ModalOperator
 
 ABOUT = {
     "arkit": "The 52 expressions of Apple's face tracking, such as mouthSmileLeft",

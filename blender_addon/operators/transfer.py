@@ -19,7 +19,7 @@ from ..services.targets import Write, each_target
 from ..services.transfer import done, prepare_transfer
 from ..storage import stored_match
 from ..viewport import preview
-from .modal_operator import ModalOperator
+from .base.modal_operator import ModalOperator
 
 
 class ZOOMOUT_OT_transfer(

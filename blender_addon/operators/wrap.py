@@ -15,7 +15,7 @@ from ..scene.selection import sources_of_targets
 from ..services.targets import Write, each_target
 from ..services.wrap import Wrapping, check_one_target, prepare_wrap, summary
 from ..viewport import preview
-from .modal_operator import ModalOperator
+from .base.modal_operator import ModalOperator
 
 
 class ZOOMOUT_OT_wrap(SourceName, MatchOptions, WrapOptions, ModalOperator):

@@ -20,7 +20,7 @@ from .once import ONCE
 
 
 class ZOOMOUT_PG_place(PropertyGroup):
-    """Where a landmark lies on one object: a `SurfacePoint`."""
+    """The place of a landmark on one object: a `SurfacePoint`."""
 
     object: PointerProperty(name="Object", description="Object that the landmark is on", type=Object)
     face: IntProperty(name="Face", description="Face that the landmark is on")

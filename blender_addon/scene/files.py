@@ -61,20 +61,26 @@ READABLE, WRITABLE = (BLEND, *IMPORTERS), (BLEND, *EXPORTERS)
 def open_scene(context: Context, path: str | Path) -> None:
     """Open a file instead of the current one, or import it into an empty scene, without running its scripts.
 
+    An asset in a .blend file (see `split_asset`) is appended to an empty scene, with its armatures and parents.
+
     Raises:
-        MeshError: the file does not exist, its format is not supported, or it cannot be read.
+        MeshError: the file does not exist, its format is not supported, it cannot be read, or it has no such asset.
     """
-    path = _check_readable(path)
+    path, asset = split_asset(Path(path))
+    _check_readable(path)
     ending = path.suffix.lower()
     try:
-        if ending == BLEND:
+        if asset:
+            open_empty_scene()
+            append_assets(context, path, [asset])
+        elif ending == BLEND:
             # With its windows, which determine the active scene and view layer.
             bpy.ops.wm.open_mainfile(filepath=str(path.resolve()), load_ui=True, use_scripts=False)
         else:
             open_empty_scene()
             _enable(ending)
             IMPORTERS[ending](filepath=str(path.resolve()))
-    except RuntimeError as error:
+    except (RuntimeError, OSError) as error:
         raise _cannot("open", path, error) from error
     active = context.view_layer.objects.active
     if active is not None and active.mode != "OBJECT":
@@ -196,12 +202,12 @@ def shown_meshes(objects: Iterable[Object]) -> list[str]:
 
 @contextmanager
 def keep_as_blend(path: str | Path) -> Iterator[Path]:
-    """The .blend file of the open scene: the file at `path` itself, or a temporary one if that has another format.
+    """The .blend file of the open scene: the file at `path` itself, or a temporary one if that is no .blend file.
 
     Raises:
         RuntimeError: the temporary file could not be written.
     """
-    if Path(path).suffix.lower() == BLEND:
+    if Path(path).suffix.lower() == BLEND and Path(path).is_file():
         yield Path(path)
         return
     with tempfile.TemporaryDirectory(prefix="zoomout-") as folder:

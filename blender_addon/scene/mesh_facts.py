@@ -34,7 +34,7 @@ def facts(obj: Object) -> MeshFacts | None:
 
 
 def latest_facts(obj: Object) -> MeshFacts | None:
-    """The facts about an object's mesh; until they are known those before its last edit, so that no text flickers."""
+    """The facts about an object's mesh. Until they are known, those before its last edit, so that no text flickers."""
     return facts(obj) or _latest.get(obj.data.session_uid)
 
 

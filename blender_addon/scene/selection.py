@@ -53,7 +53,7 @@ def match_source(context: Context, target: Object | None) -> str:
 
 
 def selected_meshes(context: Context) -> list[Object]:
-    """The active mesh and all other selected ones, but for copies that objects wear: *Dress* selects those it makes."""
+    """The active mesh and all other selected ones, except copies that objects wear, because *Dress* selects them."""
     active = context.active_object
     others = [obj for obj in context.selected_objects if obj != active and not is_worn_copy(obj)]
     return [obj for obj in (active, *others) if obj and obj.type == "MESH"]
@@ -114,7 +114,7 @@ def participants(context: Context) -> tuple[Object, list[Object]]:
 
 
 def source_of_worn(context: Context, target: Object, named: str = "") -> str:
-    """The name of the source whose clothes dress a target; the selection does not count, as it may be the clothes.
+    """The name of the source whose clothes dress a target. The selection is ignored, because it may be the clothes.
 
     It is the object `named`, else the one chosen in the scene, else the one that the target was matched with.
 

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
+from pathlib import Path
 from typing import Any, TypeAlias
 
 import bpy
@@ -11,6 +12,7 @@ from bpy.types import Context, Depsgraph, Object
 
 import zoomout_core as zo
 from zoomout_core.maps.known_match import KnownMatch
+from zoomout_core.mesh.formats.blender_files import split_asset
 from zoomout_core.messages import warning
 from zoomout_core.runtime.outputs import check_output, is_same_file
 
@@ -72,14 +74,14 @@ def carry(
     review: Review | None = None,
     force: bool = False,
 ) -> Outcome[dict[str, Any]]:
-    """Transfer the data of one file's meshes to those of another, which is open afterwards.
+    """Transfer the data of one file's meshes to those of another file, which is open afterwards.
 
     Data-blocks from the source's file are removed again, except those that the targets now use, such as materials and
     the armature that they are bound to.
 
     Args:
         context: Blender's.
-        source: the file with the data.
+        source: the file with the data, or an asset in a .blend file, see `split_asset`.
         target: the file that receives it.
         output: the file that will be written, which the target's file must not refer to; empty if none.
         data: the kinds of data to transfer.
@@ -98,13 +100,14 @@ def carry(
         MeshError: a file cannot be used, the map belongs to other files, or the match is probably wrong.
         OutputError: the output is one of the files that are read.
     """
-    if is_same_file(source, target):
+    file = split_asset(Path(source))[0]
+    if is_same_file(file, target):
         raise zo.MeshError(f"{source} is both source and target: give two files.")
     surfaces = read_file(context, source, "source")
     with keep_as_blend(source) as library:
         own = read_file(context, target, "target")
         if output:
-            check_output(output, [source, target, *bpy.utils.blend_paths(absolute=True)], in_place)
+            check_output(output, [file, target, *bpy.utils.blend_paths(absolute=True)], in_place)
         brought = Brought(context, library, list(surfaces))
     sources = Parts.of([fingerprint_source(context, name) for name in brought.names], list(surfaces.values()))
     targets = Parts.of([fingerprint_target(context, name) for name in own], list(own.values()))

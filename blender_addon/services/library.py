@@ -110,7 +110,7 @@ def read_assets(context: Context, path: str) -> dict[str, zo.Surface | str]:
     """Open a file, and read the assets in it as surfaces, with modifiers, in world space.
 
     Collections and mesh objects of a .blend file that are marked as assets are one each; objects in such a collection
-    are a part of it. A file that is not mostly marked is itself an asset with an empty name, of all visible meshes.
+    are a part of it. If most of a file is not marked, all of its visible meshes are another asset, with an empty name.
 
     Returns:
         The surface of each asset, or why there is none, by names such as `Collection/Hero`.
@@ -140,7 +140,7 @@ def read_assets(context: Context, path: str) -> dict[str, zo.Surface | str]:
 
 
 def _join(context: Context, meshes: Sequence[Object]) -> zo.Surface | str:
-    """Meshes as one surface, or why they are none."""
+    """Join meshes to one surface; returns the reason if that is impossible."""
     try:
         depsgraph = context.evaluated_depsgraph_get()
         return zo.Surface.joined([mesh_data.read_source_surface(mesh, depsgraph) for mesh in meshes])

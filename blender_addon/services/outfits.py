@@ -118,9 +118,9 @@ class BlenderFiles:
         return made._replace(joints=joints, notes=tuple(notes))
 
     def _open(self, path: Path, wears: bool) -> _Avatar:
-        """Open a file, and tell its body from what it wears."""
+        """Open a file, and separate its body from the objects that it wears."""
         if path.suffix.lower() not in ENDINGS:
-            raise zo.MeshError(f"{path} is no avatar that Blender reads: convert it to {', '.join(ENDINGS)}.")
+            raise zo.MeshError(f"{path} is not an avatar that Blender can read: convert it to {', '.join(ENDINGS)}.")
         open_scene(self.context, path)
         meshes = shown_meshes(self.context.view_layer.objects)
         if not meshes:

@@ -82,7 +82,7 @@ async def each_target(
 
 @contextmanager
 def _place(i: int, names: Sequence[str]) -> Iterator[None]:
-    """A block for the i-th target, whose progress shows its name and number."""
+    """A context for the i-th target, whose progress shows its name and number."""
 
     def numbered_title(title: str) -> str:
         if len(names) == 1:

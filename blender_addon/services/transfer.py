@@ -351,7 +351,7 @@ def summary(report: dict[str, Any]) -> str:
 
 
 def done(reports: Iterable[dict[str, Any]], hidden: bool) -> str:
-    """Reports on several targets in one sentence, which says where bound targets are now: they seem to vanish.
+    """Reports on several targets in one sentence. It names the place of bound targets, which seem to vanish.
 
     Args:
         reports: of transfers.

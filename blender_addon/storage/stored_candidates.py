@@ -108,7 +108,7 @@ def parse(text: str) -> CandidateList:
     """
     stored = json.loads(text)
     if not is_of_kind(stored, ENTRIES) or not 0 <= stored["chosen"] < len(stored["candidates"]):
-        raise ValueError("This is no list of candidates.")
+        raise ValueError("This is not a list of candidates.")
     return CandidateList(
         stored["key"],
         stored["chosen"],

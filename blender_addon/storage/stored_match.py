@@ -182,7 +182,7 @@ def read(mesh: Mesh, pair: ObjectPair) -> StoredMatch | None:
 
 
 def verdict_of(stored: Mapping[str, Any]) -> zo.Verdict | None:
-    """The verdict in the description of a match, or in a report; None if it has none, as for nearest points."""
+    """The verdict in the description of a match, or in a report; None if it has none, such as for nearest points."""
     verdict = stored.get("verdict")
     if isinstance(verdict, dict):  # as in reports
         verdict = [verdict.get(name) for name in zo.Verdict._fields]
@@ -192,7 +192,7 @@ def verdict_of(stored: Mapping[str, Any]) -> zo.Verdict | None:
 
 
 def pack_verdict(match: Match) -> dict[str, str] | None:
-    """The verdict on a match for reports, which `verdict_of` reads; None if it is not known, as for nearest points."""
+    """The verdict on a match for reports, see `verdict_of`; None if it is not known, such as for nearest points."""
     verdict = None if isinstance(match, zo.ProximityMatch) else match.verdict
     return None if verdict is None else verdict._asdict()
 

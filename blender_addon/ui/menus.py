@@ -15,25 +15,26 @@ from bpy.types import Context, Menu, Operator, UILayout
 
 from zoomout_core.messages import as_message, message
 
-from ..operators import landmarks, live_link, select_faults, symmetry
+from ..operators import live_link, symmetry
 from ..operators.bake_textures import ZOOMOUT_OT_bake_textures
-from ..operators.bend_match import ZOOMOUT_OT_bend_match
 from ..operators.bind_to_rig import ZOOMOUT_OT_bind_to_rig
-from ..operators.candidates import ZOOMOUT_OT_swap_match_sides, ZOOMOUT_OT_use_candidate
 from ..operators.check_motion import ZOOMOUT_OT_check_motion
 from ..operators.clear_data import ZOOMOUT_OT_clear_match_data
-from ..operators.cut_seams import ZOOMOUT_OT_cut_seams
 from ..operators.dress import ZOOMOUT_OT_dress
 from ..operators.find_source import ZOOMOUT_OT_find_source
 from ..operators.make_lods import ZOOMOUT_OT_make_lods
-from ..operators.match import ZOOMOUT_OT_match
-from ..operators.match_collections import ZOOMOUT_OT_match_collections
+from ..operators.matching import landmarks, select_faults
+from ..operators.matching.bend_match import ZOOMOUT_OT_bend_match
+from ..operators.matching.candidates import ZOOMOUT_OT_swap_match_sides, ZOOMOUT_OT_use_candidate
+from ..operators.matching.cut_seams import ZOOMOUT_OT_cut_seams
+from ..operators.matching.match import ZOOMOUT_OT_match
+from ..operators.matching.match_collections import ZOOMOUT_OT_match_collections
+from ..operators.matching.place_landmarks import ZOOMOUT_OT_place_landmarks
 from ..operators.move_rig import ZOOMOUT_OT_move_rig
-from ..operators.place_landmarks import ZOOMOUT_OT_place_landmarks
 from ..operators.play_expressions import ZOOMOUT_OT_play_expressions
+from ..operators.play_test_poses import ZOOMOUT_OT_test_poses
 from ..operators.preview import ZOOMOUT_OT_clear_preview, ZOOMOUT_OT_preview
 from ..operators.rename_shape_keys import ZOOMOUT_OT_rename_shape_keys
-from ..operators.test_poses import ZOOMOUT_OT_test_poses
 from ..operators.transfer import ZOOMOUT_OT_transfer
 from ..operators.wrap import ZOOMOUT_OT_wrap
 from ..services.symmetry.detect import summary

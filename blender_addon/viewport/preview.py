@@ -165,7 +165,7 @@ def show_preliminary(preview: Preview) -> None:
 
 
 def end_preliminary() -> None:
-    """Restore the previous preview if a preliminary one is still shown, as after an error or a cancel."""
+    """Restore the previous preview if a preliminary one is still shown, such as after an error or a cancel."""
     if _shown is None or not _shown.preliminary:
         return
     if _before is None:

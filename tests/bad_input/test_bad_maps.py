@@ -85,7 +85,7 @@ WRONG: dict[str, Callable[[], bytes]] = {
     "one number": lambda: of(triangle=np.array(3), vertex=np.array(3)),
     "a table": lambda: of(triangle=np.zeros((4, 4), dtype=int), vertex=np.zeros((4, 4), dtype=int)),
     "a functional map in place of vertices": lambda: of(triangle=np.eye(9), vertex=np.eye(9)),
-    "coordinates that are no numbers": lambda: of(barycentric=np.full((100, 3), np.nan), vertex=np.zeros(100)),
+    "coordinates that are not numbers": lambda: of(barycentric=np.full((100, 3), np.nan), vertex=np.zeros(100)),
     "coordinates of other points": lambda: of(barycentric=np.ones((7, 3)) / 3, vertex=np.zeros(0)),
 }
 

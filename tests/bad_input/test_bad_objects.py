@@ -90,7 +90,7 @@ def with_nodes(obj: Object) -> None:
 
 # Changes to the target, and the error that names them; empty if the target is matched as usual.
 TARGETS: dict[str, tuple[Callable[[Object], None], str]] = {
-    "a vertex that is no number": (in_place(with_values(7, np.nan)), "not finite"),
+    "a vertex that is not a number": (in_place(with_values(7, np.nan)), "not finite"),
     "a vertex at infinity": (in_place(with_values(7, np.inf)), "not finite"),
     "no extent": (in_place(lambda points: points * 0), "no area"),
     "on a line": (in_place(lambda points: points * [1, 0, 0]), "no area"),
@@ -157,13 +157,13 @@ def flat_source(obj: Object) -> None:
 # Changes to the source, the data to transfer, and the error; without one, the name of what is written.
 SOURCES: dict[str, tuple[Callable[[Object], object], str, str, str]] = {
     "custom normals on a flat object": (flat_source, "custom_normals", "none of the data to transfer", ""),
-    "weights that are no numbers": (
+    "weights that are not numbers": (
         lambda obj: obj.vertex_groups.new(name="Bone").add(range(200), float("nan"), "REPLACE"),
         "vertex_groups",
         "200 values that are not finite",
         "",
     ),
-    "values that are no numbers": (
+    "values that are not numbers": (
         lambda obj: obj.data.attributes.new("Odd", "FLOAT", "POINT").data.foreach_set("value", np.full(200, np.nan)),
         "attributes",
         "'Odd' has no finite values",

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""No process of this project imports a module that lies in the user's folder, or listens beyond this machine."""
+"""No process of this project imports a module that is in the user's folder, or listens beyond this machine."""
 
 from __future__ import annotations
 

@@ -65,7 +65,7 @@ def test_mesh_archive_bombs_are_refused(name: str, ending: str, tmp_path: Path) 
 
 
 @pytest.mark.parametrize("ending", [".zip", ".gz", ".bz2", ".tar.gz", ".tar.bz2", ".kmz", ".xz", ".obj.gz", ".binvox"])
-def test_archives_that_are_no_mesh_files_are_refused(ending: str, tmp_path: Path) -> None:
+def test_archives_without_mesh_files_are_refused(ending: str, tmp_path: Path) -> None:
     path = tmp_path / f"a{ending}"
     path.write_bytes(archive(**{"a.obj": b"v 0 0 0\nv 1 0 0\nv 1 1 0\nf 1 2 3\n"}))
     with pytest.raises(MeshError, match=r"format of .* is not supported: convert it"):

@@ -79,7 +79,7 @@ def test_unusual_but_valid_files_are_read(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("line", ["Kd a b c", "Kd spectral file.rfl 1", "Kd nan 0 0", "Kd 0,5 0,5 0,5", "d x"])
-def test_colours_that_are_no_numbers_are_left_out(line: str, tmp_path: Path) -> None:
+def test_colours_that_are_not_numbers_are_left_out(line: str, tmp_path: Path) -> None:
     (tmp_path / "a.mtl").write_text(f"newmtl Red\n{line}\nnewmtl Blue\nKd 0 0 1\n")
     (tmp_path / "a.obj").write_text(f"mtllib a.mtl\n{OBJ}usemtl Red\nf 1 2 3\nusemtl Blue\nf 1 2 3\n")
     asset = zo.read_asset(tmp_path / "a.obj")

@@ -129,7 +129,7 @@ def test_only_images_are_copied(folder: Path) -> None:
     for path in (with_image(folder, "private.txt"), with_library(folder, "a.mtl", "private.txt")):
         asset = zo.read_asset(path)
         (note,) = asset.notes
-        assert "no image of a known type" in note
+        assert "not an image of a known type" in note
         assert asset.materials[0].image is None
 
 

@@ -50,7 +50,7 @@ ONE_WRONG = np.array([0, 1, 2, 2])
 
 
 def grid(size: int = 11) -> Surface:
-    """A plane of squares cut in two; vertex i * size + j lies at (i, j)."""
+    """A plane of squares cut in two; vertex i * size + j is at (i, j)."""
     i, j = np.divmod(np.arange(size**2), size)
     quads = grid_faces(size - 1, size - 1)
     triangles = np.concatenate([quads[:, [0, 1, 3]], quads[:, [3, 1, 2]]])

@@ -196,7 +196,7 @@ def test_each_kind_of_case_is_made(folder: Path) -> None:
         assert case.truth.source.shape == (len(case.source.vertices), len(case.truth.names))
         assert case.truth.target.shape == (len(case.target.vertices), len(case.truth.names))
         assert {"torso", "head", "tail"} < set(case.truth.limb_names)
-    # Another boy at rest lies over the first.
+    # Another boy at rest covers the first.
     assert figures(made[4], nearest_in_space(made[4])).limb == pytest.approx(1, abs=0.1)
     assert len(list(cases(folder, 1))) == 3
 

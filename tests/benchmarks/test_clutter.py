@@ -61,9 +61,9 @@ def test_scene_is_union_of_both_shapes_cut_at_the_plane() -> None:
     stretched = Surface(ball(1500, 1.0).vertices * [2, 0.8, 1], ball(1500, 1.0).triangles)
     scene = clutter.union_and_cut(stretched, ball(1500, 0.5, (9, 9, 9)))
     assert scene.working.component.max() == 0
-    # The cut lies at 70 % of the extent of 4, from -2; without it 2 would be reached.
+    # The cut is at 70 % of the extent of 4, from -2; without it 2 would be reached.
     assert scene.vertices[:, 0].max() == pytest.approx(0.8, abs=0.1)
-    # The other thing has its area and lies beside it, along the axis of the least extent.
+    # The other thing has its area and is beside it, along the axis of the smallest extent.
     assert scene.vertices[:, 1].max() - 0.8 > 1.0
 
 

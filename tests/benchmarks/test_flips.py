@@ -34,7 +34,7 @@ def test_borders_folds_and_existing_edges_are_not_flipped() -> None:
     square = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
     flat = Surface(square, [[0, 1, 2], [0, 2, 3]])
     assert edges_of(with_flipped_edges(flat, 1, 0)) == {(0, 1), (1, 2), (2, 3), (0, 3), (1, 3)}
-    # The other diagonal of a dart lies outside of it.
+    # The other diagonal of a dart is outside of it.
     dart = Surface([[0, 0, 0], [1, -1, 0], [0.2, 0, 0], [1, 1, 0]], [[0, 1, 2], [0, 2, 3]])
     assert edges_of(with_flipped_edges(dart, 1, 0)) == edges_of(dart)
     tetrahedron = Surface(np.vstack([np.zeros(3), np.eye(3)]), [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])

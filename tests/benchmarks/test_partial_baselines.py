@@ -78,7 +78,7 @@ def test_interpolation_preserves_distances_to_matches() -> None:
     from_targets = np.vstack([line, 1 - line])
     np.testing.assert_array_equal(interpolate(from_targets, from_targets[::-1]), [4, 3, 2, 1, 0])
     torn = from_targets[::-1].copy()
-    torn[:, 4] = np.inf  # vertices that the matches do not reach are no images
+    torn[:, 4] = np.inf  # vertices that the matches do not reach are not images
     np.testing.assert_array_equal(interpolate(from_targets, torn), [3, 3, 2, 1, 0])
     from_targets[:, 2] = np.inf
     np.testing.assert_array_equal(interpolate(from_targets, from_targets[::-1])[[0, 2]], [4, -1])

@@ -1,12 +1,23 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The tables of production measure each kind of data, each level, and each way to bake."""
 
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from benchmarks.production import bakes, files, levels, links
 
 pytestmark = pytest.mark.slow
+
+# A program that is called like Godot, and reads the script before the files.
+ENGINE = """
+import json, pathlib, sys
+option, script, *files = map(pathlib.Path, sys.argv[1:])
+assert (option.name, script.name) == ("-s", "godot.gd"), script.read_text()
+print(json.dumps([{"file": each.name, "reader": "Godot"} for each in files if each.stat().st_size]))
+"""
 
 
 def test_each_kind_of_data_is_linked_and_equals_the_operator() -> None:
@@ -36,8 +47,13 @@ def test_bakes_beat_cycles_in_another_pose(monkeypatch: pytest.MonkeyPatch) -> N
     assert rows[0]["wrong texels %"] < 20
 
 
-def test_written_files_open_in_other_readers() -> None:
-    written, *rows = files.open_elsewhere(0.04)
+def test_written_files_open_in_other_readers(tmp_path: Path) -> None:
+    engine = tmp_path / "godot"
+    engine.write_text(f"#!{sys.executable}\n{ENGINE}")
+    engine.chmod(0o755)
+    written, *rows = files.open_elsewhere(0.04, godot=engine)
+    assert [row["file"] for row in rows if row["reader"] == "Godot"] == ["plain.glb", "draco.glb", "meshopt.glb"]
+    rows = [row for row in rows if row["reader"] != "Godot"]
     plain = [row for row in rows if row["file"] == "plain.glb"]
     assert {row["reader"] for row in plain} == set(files.READERS)
     assert all(row["triangles"] == written["triangles"] for row in plain)

@@ -13,7 +13,7 @@ from benchmarks.tables import NOT_SHOWN, Record
 
 
 def test_rows_join_the_errors_of_all_pairs() -> None:
-    one = {"kind": rigs.JUDGED, "method": rigs.BOX, "posed": 1.0, "ratio": 2.0, "feet": 0.1, "s": 0.0}
+    one = {"kind": rigs.JUDGED, "method": rigs.BOX} | dict.fromkeys(rigs.MEANS, 1.0)
     first = {"": np.full(3, 1.0), "body ": np.full(1, 1.0)}
     second = {"": np.full(7, 2.0), "body ": np.full(4, 5.0)}
     records = [one | {"errors": first}, one | {"errors": second, "posed": 3.0}]
@@ -31,6 +31,7 @@ def test_bones_are_sorted_by_error() -> None:
             "method": method,
             "bones": ("hip", "knee", "toe"),
             "errors": {"": np.array(errors)},
+            "alone": np.array(errors) / 10,
         }
 
     records = [
@@ -41,7 +42,7 @@ def test_bones_are_sorted_by_error() -> None:
     ]
     knee, hip, toe = rigs._bones(records)
     assert [row["bone"] for row in (knee, hip, toe)] == ["knee", "hip", "toe"]
-    assert (knee[rigs.PRODUCT], knee["worst"], knee[rigs.BY_TRUE_MAP]) == (2.0, 3.0, 1.5)
+    assert (knee[rigs.PRODUCT], knee["worst"], knee[rigs.BY_TRUE_MAP], knee["posed"]) == (2.0, 3.0, 1.5, 0.2)
 
 
 def test_best_fitting_source_is_chosen() -> None:
@@ -61,4 +62,11 @@ def test_every_method_is_measured(wardrobe: Path) -> None:
     assert set(rows) == {rigs.PRODUCT, rigs.BY_TRUE_MAP, rigs.AROUND, rigs.BOX}
     assert rows[rigs.PRODUCT]["median"] < 1
     assert rows[rigs.PRODUCT]["ratio"] >= 1
+    # A joint that is off alone moves the surface less than all of them, and some joint does.
+    (alone,) = (
+        record["alone"]
+        for record in tables[NOT_SHOWN]
+        if record["method"] == rigs.PRODUCT and record["kind"] == rigs.JUDGED
+    )
+    assert 0 < max(alone) < 1.5 * rows[rigs.PRODUCT]["posed, true weights"]
     assert len(tables["each"]) == len(tables[NOT_SHOWN]) / len(rows)

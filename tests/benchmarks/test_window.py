@@ -17,7 +17,7 @@ from benchmarks.window import scene, undo
 from benchmarks.window.watching import watch
 from blender_addon.demo import Size
 from blender_addon.jobs import pause
-from blender_addon.operators import modal_operator
+from blender_addon.operators.base import modal_operator
 
 pytestmark = pytest.mark.slow
 

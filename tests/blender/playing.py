@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import bpy
 
-from blender_addon.operators.play import PlayOperator
+from blender_addon.operators.base.play_operator import PlayOperator
 
 
 class Window:

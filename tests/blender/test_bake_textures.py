@@ -163,6 +163,15 @@ def test_operator_bakes_textures(source, target):
     assert bpy.data.images["Target Base Color"].size[:] == (16, 16)
 
 
+def test_one_bake_is_one_undo_step(source, target):
+    bpy.ops.ed.undo_push(message="Before")
+    before = snapshot_file()
+    assert bpy.ops.zoomout.bake_textures("EXEC_DEFAULT", True, bake_size=16) == {"FINISHED"}
+    assert snapshot_file() != before
+    bpy.ops.ed.undo()
+    assert snapshot_file() == before
+
+
 def test_tangent_spaces_are_those_of_blender(source):
     mesh = source.data
     mesh.calc_tangents(uvmap="UVMap")

@@ -533,7 +533,7 @@ def test_tearing_weights_are_smoothed_before_writing(monkeypatch):
     target, at_rest = pose_target(source, armature, {})
     patch = wrong_at(target, at_rest, 0.4)
     report = bind(source, target, shape="keep_shape")
-    assert any("would have torn the mesh when bones turn: they were smoothed" in note for note in report["notes"])
+    assert any("would have torn the mesh when bones rotate, and were smoothed" in note for note in report["notes"])
     assert weight_array(target, "Lower")[patch].min() > 0.9
     sums = sum(weight_array(target, bone) for bone in BONES)
     np.testing.assert_allclose(sums, 1, atol=1e-3)

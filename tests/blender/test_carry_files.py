@@ -247,6 +247,28 @@ def test_inputs_are_not_overwritten(files, tmp_path, capsys):
     assert bpy.data.objects["Body"].data.uv_layers.keys() == ["Skin"]
 
 
+def test_asset_of_a_file_is_the_source_and_its_rig_moves(files, tmp_path):
+    hero, scan, map_file, at_rest = files
+    bpy.ops.wm.open_mainfile(filepath=str(hero))
+    asset, scene = bpy.data.collections.new("Hero"), bpy.context.scene.collection
+    for obj in list(scene.objects):
+        scene.objects.unlink(obj)
+        asset.objects.link(obj)
+    scene.children.link(asset)
+    asset.asset_mark()
+    ellipsoid("Sword", 5)
+    bpy.ops.wm.save_as_mainfile(filepath=str(hero), copy=True)
+    source, out, path = hero / "Collection" / "Hero", tmp_path / "out.blend", tmp_path / "report.json"
+    assert carry(source, scan, map_file, out, "--move-rig", "--report", path) == 0
+    assert "moved" in json.loads(path.read_text())["targets"]["Body"]["bound"]
+    bpy.ops.wm.open_mainfile(filepath=str(out))
+    check_body(bpy.data.objects["Body"], at_rest)
+    assert bpy.data.objects["Body"].find_armature() is not None
+    assert "Sword" not in bpy.data.objects
+    assert carry(hero / "Collection" / "Dog", scan, map_file, tmp_path / "none.blend") == 1
+    assert carry(source, scan, map_file, hero) == 1  # it would overwrite the source
+
+
 @pytest.mark.filterwarnings("ignore:load")
 def test_linked_source_is_refused_in_a_sentence(tmp_path, capsys):
     library, hero, scan = (tmp_path / name for name in ("library.blend", "hero.blend", "scan.blend"))

@@ -97,7 +97,7 @@ def test_stretched_copies_are_named(source, monkeypatch):
     monkeypatch.setattr(dress, "STRETCHED", 1.0)
     monkeypatch.setattr(dress, "MIN_LENGTH", 0.0)
     report = api.dress(bpy.context, body, target, [cloth])
-    assert any("vertices of 'Sleeve' are stretched far more than the body" in note for note in report["notes"])
+    assert any("vertices of 'Sleeve' stretch far more than the body" in note for note in report["notes"])
 
 
 @pytest.mark.slow(but=1)

@@ -12,7 +12,7 @@ from scenes import snapshot_file
 import zoomout_core as zo
 from blender_addon import jobs
 from blender_addon.jobs import Job, watching
-from blender_addon.operators.modal_operator import ModalOperator
+from blender_addon.operators.base.modal_operator import ModalOperator
 from blender_addon.services.matching.match import prepare_match
 from blender_addon.viewport import overlay, preview
 from zoomout_core.colors import place_colors
@@ -114,7 +114,7 @@ def test_cancel_or_error_restores_the_former_preview(source, target, begin):
 def test_the_end_of_an_operator_ends_a_preliminary_preview(monkeypatch):
     ended = []
     monkeypatch.setattr(preview, "end_preliminary", lambda: ended.append(True))
-    monkeypatch.setattr("blender_addon.operators.modal_operator._show_progress", lambda *_: None)
+    monkeypatch.setattr("blender_addon.operators.base.modal_operator._show_progress", lambda *_: None)
     operator = SimpleNamespace(_job=Job(jobs.pause()), _timer=None)
     manager = SimpleNamespace(event_timer_remove=lambda timer: None)
     ModalOperator._end(operator, SimpleNamespace(window_manager=manager))

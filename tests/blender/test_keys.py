@@ -190,7 +190,7 @@ def test_keys_of_the_same_name_are_overwritten_and_others_stay(source, target):
 @pytest.mark.parametrize("scale", [(2, 2, 2), (-1.5, 1.5, 1.5)])
 def test_keys_are_transferred_in_the_objects_own_space(source, target, scale):
     add_keys(source)
-    # The same thing is seen in the same place, by two objects that lie otherwise.
+    # The same thing is seen in the same place, by two objects with other transforms.
     turn = Matrix.LocRotScale((1, 2, 3), Matrix.Rotation(1.1, 3, (1, 2, 0.5)), scale)
     target.data.transform(turn.inverted())
     if turn.is_negative:

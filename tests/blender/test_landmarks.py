@@ -12,8 +12,8 @@ from scenes import activate, ellipsoid, positions, set_weights, values
 
 import zoomout_core as zo
 from blender_addon.mesh_data import nearest_surface_point
-from blender_addon.operators import modal
-from blender_addon.operators.place_landmarks import ZOOMOUT_OT_place_landmarks
+from blender_addon.operators.base import running_operators
+from blender_addon.operators.matching.place_landmarks import ZOOMOUT_OT_place_landmarks
 from blender_addon.scene import landmarks
 from blender_addon.scene.landmarks import (
     landmark_pairs,
@@ -201,7 +201,7 @@ def placing(source, target):
     bpy.context.view_layer.update()
     operator = Placing(Screen())
     yield operator
-    modal.end(operator)
+    running_operators.end(operator)
 
 
 def test_placing_leaves_and_restores_other_modes(source, target):
@@ -240,7 +240,7 @@ def test_clicks_place_pairs_and_status_bar_shows_next_step(source, target, placi
 
 
 def test_placing_is_refused_while_a_removed_operator_remains(placing, monkeypatch):
-    monkeypatch.setattr(modal, "can_begin", lambda window: False)  # to add another one would crash it
+    monkeypatch.setattr(running_operators, "can_begin", lambda window: False)  # to add another one would crash it
     handlers = placing.screen.handlers
     assert placing.invoke(placing.screen, None) == {"CANCELLED"}
     assert placing.screen.handlers == handlers

@@ -301,11 +301,44 @@ def test_free_normals_are_replaced(source, target):
     assert np.median(degrees(corner_normals(target), truth)) < 1
 
 
-def test_unblendable_data_is_noted(source, target):
+@pytest.mark.parametrize("smooth", [True, False])
+def test_custom_normals_outside_the_mask_stay_as_shown(source, target, smooth):
     give_normals(source, bulging(positions(source.data))[corner_vertices(source.data)])
-    for settings, expected in ((Settings(), 0), (Settings(factor=0.5), 1)):
-        notes = transfer_objects(bpy.context, source, target, ["custom_normals"], settings)["notes"]
-        assert sum("instead of blending" in note for note in notes) == expected
+    target.data.polygons.foreach_set("use_smooth", np.full(len(target.data.polygons), smooth))
+    shown = corner_normals(target)
+    inside = positions(target.data)[:, 0] > 0
+    target.vertex_groups.new(name="Mask").add(np.flatnonzero(inside).tolist(), 1, "REPLACE")
+    transfer_objects(bpy.context, source, target, ["custom_normals"], Settings(mask_group="Mask"))
+    of_corner = corner_vertices(target.data)
+    inside, truth = inside[of_corner], bulging(positions(target.data))[of_corner]
+    assert degrees(corner_normals(target), shown)[~inside].max() < 0.5
+    assert np.median(degrees(shown, truth)[inside]) > 2
+    assert np.median(degrees(corner_normals(target), truth)[inside]) < 1
+
+
+def test_custom_normals_mix_by_the_factor(source, target):
+    give_normals(source, bulging(positions(source.data))[corner_vertices(source.data)])
+    target.data.shade_smooth()
+    shown = corner_normals(target)
+    transfer(source, target, "custom_normals")
+    whole = corner_normals(target)
+    give_normals(target, shown)
+    transfer_objects(bpy.context, source, target, ["custom_normals"], Settings(factor=0.5))
+    between = (shown + whole) / np.linalg.norm(shown + whole, axis=1, keepdims=True)
+    assert degrees(corner_normals(target), between).max() < 0.5
+
+
+def test_missing_mode_keeps_custom_normals_of_the_target(source, target):
+    give_normals(source, bulging(positions(source.data))[corner_vertices(source.data)])
+    target.data.shade_smooth()
+    give_normals(target, np.tile([0, 0, 1.0], (len(target.data.loops), 1)))
+    report = transfer_objects(bpy.context, source, target, ["custom_normals"], Settings(mode="missing"))
+    assert report["skipped"]["custom normals"] == "the target has its own"
+    assert degrees(corner_normals(target), np.array([[0, 0, 1.0]])).max() < 1
+    target.data.attributes.remove(target.data.attributes["custom_normal"])
+    transfer_objects(bpy.context, source, target, ["custom_normals"], Settings(mode="missing"))
+    truth = bulging(positions(target.data))[corner_vertices(target.data)]
+    assert np.median(degrees(corner_normals(target), truth)) < 1
 
 
 def test_much_finer_target_keeps_normals_unless_requested_alone():

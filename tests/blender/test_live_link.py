@@ -337,6 +337,21 @@ def test_operators_link_and_update_the_selected_targets(source, target):
     assert link_modifier(source) is None
 
 
+def test_linking_and_updating_are_one_undo_step_each(source, target):
+    add_uv_map(source.data, "UVMap")
+    set_weights(source, "Arm", np.ones(len(source.data.vertices)))
+    activate(target, source)
+    for operator in (bpy.ops.zoomout.keep_linked, bpy.ops.zoomout.update_linked):
+        bpy.ops.ed.undo_push(message="Before")
+        before = snapshot_file()
+        assert operator("EXEC_DEFAULT", True) == {"FINISHED"}
+        assert snapshot_file() != before
+        bpy.ops.ed.undo()
+        assert snapshot_file() == before
+        assert operator("EXEC_DEFAULT", True) == {"FINISHED"}
+        bpy.data.objects["Target"].vertex_groups.clear()
+
+
 def test_linking_again_leaves_nothing_of_the_link_before(source, target):
     add_uv_map(source.data, "UVMap")
     keep_linked(bpy.context, target, ["uv_maps"])

@@ -23,7 +23,7 @@ from true_match import keep_true_match
 import blender_addon
 from blender_addon import api, mesh_data
 from blender_addon.jobs import Job, Work, compute
-from blender_addon.operators import modal_operator
+from blender_addon.operators.base import modal_operator
 from blender_addon.scene import mesh_facts
 
 ADDON = str(Path(blender_addon.__file__).parent)

@@ -146,6 +146,16 @@ def test_operator_makes_one_level_per_halving(source):
     np.testing.assert_allclose(np.divide(counts[1:], counts[:-1]), 0.6, atol=0.05)
 
 
+def test_levels_are_one_undo_step(source):
+    activate(source)
+    bpy.ops.ed.undo_push(message="Before")
+    before = snapshot_file()
+    assert bpy.ops.zoomout.make_lods("EXEC_DEFAULT", True) == {"FINISHED"}
+    assert snapshot_file() != before
+    bpy.ops.ed.undo()
+    assert snapshot_file() == before
+
+
 def test_too_small_level_writes_nothing(source):
     before = snapshot_file()
     with pytest.raises(zo.MeshError, match="A level cannot have"):

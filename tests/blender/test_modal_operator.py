@@ -9,8 +9,8 @@ import pytest
 
 import zoomout_core as zo
 from blender_addon import jobs
-from blender_addon.operators import activity, modal
-from blender_addon.operators.modal_operator import ModalOperator
+from blender_addon.operators.base import activity, running_operators
+from blender_addon.operators.base.modal_operator import ModalOperator
 from zoomout_core.runtime.progress import stage
 
 TICK, ESCAPE, KEY, WHEEL = (SimpleNamespace(type=name) for name in ("TIMER", "ESC", "X", "WHEELUPMOUSE"))
@@ -69,14 +69,14 @@ class Work:
 @pytest.fixture
 def window(monkeypatch):
     monkeypatch.setattr(
-        "blender_addon.operators.modal_operator.bpy", SimpleNamespace(app=SimpleNamespace(background=False))
+        "blender_addon.operators.base.modal_operator.bpy", SimpleNamespace(app=SimpleNamespace(background=False))
     )
-    monkeypatch.setattr("blender_addon.operators.modal_operator.redraw_sidebars", lambda: None)
-    monkeypatch.setattr("blender_addon.operators.modal_operator.SLICE", 0.0)  # one pause a tick
-    monkeypatch.setattr("blender_addon.operators.modal_operator.REDRAWN", 0.0)
-    monkeypatch.setattr(modal, "_running", [])
+    monkeypatch.setattr("blender_addon.operators.base.modal_operator.redraw_sidebars", lambda: None)
+    monkeypatch.setattr("blender_addon.operators.base.modal_operator.SLICE", 0.0)  # one pause a tick
+    monkeypatch.setattr("blender_addon.operators.base.modal_operator.REDRAWN", 0.0)
+    monkeypatch.setattr(running_operators, "_running", [])
     yield Window()
-    for work, _ in modal._running:
+    for work, _ in running_operators._running:
         work._job.cancel()
 
 
@@ -100,9 +100,9 @@ def test_work_runs_in_slices_and_shows_progress(window):
 def test_progress_is_redrawn_occasionally_and_its_end_at_once(window, monkeypatch):
     drawn = []
     monkeypatch.setattr(
-        "blender_addon.operators.modal_operator.redraw_sidebars", lambda: drawn.append(activity.running)
+        "blender_addon.operators.base.modal_operator.redraw_sidebars", lambda: drawn.append(activity.running)
     )
-    monkeypatch.setattr("blender_addon.operators.modal_operator.REDRAWN", 1000.0)
+    monkeypatch.setattr("blender_addon.operators.base.modal_operator.REDRAWN", 1000.0)
     work = Work(count=5)
     run(work, window, [TICK] * 4)
     assert drawn == [zo.Progress(0.0, "Starting")]
@@ -151,21 +151,23 @@ def test_cancelled_dialog_needs_no_cleanup(window):
 def test_disabling_the_extension_ends_the_work(window, monkeypatch):
     """Blender frees operators of an unregistered class without notice."""
     override = SimpleNamespace(temp_override=lambda window: nullcontext())
-    monkeypatch.setattr("blender_addon.operators.modal.bpy", SimpleNamespace(context=override))
+    monkeypatch.setattr("blender_addon.operators.base.running_operators.bpy", SimpleNamespace(context=override))
     work = Work(count=3)
     work.cancel = lambda context: ModalOperator.cancel(work, window)
     run(work, window, [TICK])
-    modal.cancel_all()
+    running_operators.cancel_all()
     assert (work.written, work.closed, window.timers, window.status) == (False, True, [], None)
     assert activity.running is None
-    modal.cancel_all()  # once is enough
+    running_operators.cancel_all()  # once is enough
     assert run(Work(), window, [TICK]) == [{"RUNNING_MODAL"}] * 2
 
 
 def test_work_runs_at_once_if_no_window_accepts_operators(window, monkeypatch):
     """Adding another one would crash Blender: `modal_operators` then has a dangling entry."""
     kept = SimpleNamespace(as_pointer=lambda operator: operator)
-    monkeypatch.setattr("blender_addon.operators.modal.bpy", SimpleNamespace(types=SimpleNamespace(bpy_struct=kept)))
+    monkeypatch.setattr(
+        "blender_addon.operators.base.running_operators.bpy", SimpleNamespace(types=SimpleNamespace(bpy_struct=kept))
+    )
     window.window.modal_operators = [1234, 0]
     work = Work()
     assert work.invoke(window, None) == {"FINISHED"}

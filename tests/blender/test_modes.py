@@ -12,7 +12,7 @@ from test_landmarks import select_vertices
 from test_modal_operator import ESCAPE, TICK, Window, Work
 
 import zoomout_core as zo
-from blender_addon.operators import modal, modes
+from blender_addon.operators.base import modes, running_operators
 from blender_addon.services import preflight
 from blender_addon.storage import stored_match
 
@@ -158,11 +158,11 @@ class InBlender(Window):
 
 @pytest.fixture
 def window(monkeypatch):
-    modal_operator = "blender_addon.operators.modal_operator."
+    modal_operator = "blender_addon.operators.base.modal_operator."
     monkeypatch.setattr(modal_operator + "bpy", SimpleNamespace(app=SimpleNamespace(background=False)))
     monkeypatch.setattr(modal_operator + "redraw_sidebars", lambda: None)
     monkeypatch.setattr(modal_operator + "SLICE", 0.0)  # one pause a tick
-    monkeypatch.setattr(modal, "_running", [])
+    monkeypatch.setattr(running_operators, "_running", [])
     found = InBlender()
     del found.active_object
     return found

@@ -273,7 +273,7 @@ def test_bones_turned_by_constraints_at_rest_are_noted():
     look.target = goal
     target, _ = other_build(Matrix.Translation((0, 5, 0)))
     report, made = move(source, target, shape="keep_shape")
-    (note,) = [str(note) for note in report["notes"] if "At rest, constraints turn" in str(note)]
+    (note,) = [str(note) for note in report["notes"] if "At rest, constraints rotate" in str(note)]
     assert "'Upper'" in note
     assert set(mesh_data.bends_at_rest(armature, made)) == {"Upper"}
 

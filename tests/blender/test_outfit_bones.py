@@ -14,7 +14,7 @@ from test_dress_objects import ring, side, sleeve
 import zoomout_core as zo
 from blender_addon import api
 from blender_addon.mesh_data import outfit_bones, read_weights
-from blender_addon.services.dressing import worn_weights
+from blender_addon.services.dressing import fit, worn_weights
 
 OTHER_NAMES = ("mixamorig:lower", "Bone.001", "Upper")
 
@@ -84,6 +84,28 @@ def test_clothes_are_bound_to_the_targets_own_armature():
     for pose in ({}, {"Bone.001": (0.4, 0, 0), "Upper": (0, 0.3, 0)}):
         set_pose(other, pose)
         assert (side(visible_positions(copy), target) < 0).mean() < 0.02
+
+
+def test_the_joints_of_both_armatures_place_the_clothes(monkeypatch):
+    body, armature = source_and_rig()
+    cloth = sleeve(armature)
+    target, _ = own_target(body, armature)
+    given = []
+
+    def align(surface, shape, skin, joints):
+        given.append((surface, skin, joints))
+        return shape + np.array([0, 0, 5])
+
+    before = positions(bpy.data.objects[api.dress(bpy.context, body, target, [cloth])["objects"]["Sleeve"]].data)
+    monkeypatch.setattr(fit, "align_joints", align)
+    copy = bpy.data.objects[api.dress(bpy.context, body, target, [cloth])["objects"]["Sleeve"]]
+    np.testing.assert_allclose((positions(copy.data) - before).mean(axis=0), [0, 0, 5], atol=0.5)
+    surface, _, joints = given[-1]
+    # Partners by name, and their parents.
+    np.testing.assert_allclose(joints.before, joints.after, atol=1e-5)
+    assert joints.parents.tolist() == [-1, 0, 1]
+    assert joints.weights.shape == (len(surface.vertices), 3)
+    np.testing.assert_allclose(joints.weights.sum(axis=1), 1, atol=1e-5)
 
 
 def test_the_weights_follow_those_of_the_target():

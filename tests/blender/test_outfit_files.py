@@ -111,7 +111,7 @@ def test_unwearable_inputs_give_one_sentence(tmp_path, capsys):
     one, two, scan = (str(tmp_path / name) for name in ("one.blend", "two.blend", "scan.obj"))
     for arguments, sentence in (
         ((one, two), "name those of the body with --body"),
-        ((scan, two), "scan.obj is no avatar that Blender reads"),
+        ((scan, two), "scan.obj is not an avatar that Blender can read"),
         ((str(tmp_path / "missing"), two), "There is no file or folder"),
     ):
         assert cli.main(["outfits", *arguments, "-o", str(tmp_path / "out")]) == 1

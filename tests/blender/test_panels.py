@@ -17,7 +17,7 @@ from scenes import activate, add_attribute, add_uv_map, ellipsoid, link, new_mat
 
 from blender_addon.api import set_landmark
 from blender_addon.mesh_data import Role, read_layers
-from blender_addon.operators import activity
+from blender_addon.operators.base import activity
 from blender_addon.scene import mesh_facts
 from blender_addon.services.matching.match import match_objects
 from blender_addon.services.matching.use_candidate import use_candidate

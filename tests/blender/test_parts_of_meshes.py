@@ -25,7 +25,7 @@ from scenes import (
 import zoomout_core as zo
 from blender_addon import jobs
 from blender_addon.adapters import Settings
-from blender_addon.operators.match import _summary
+from blender_addon.operators.matching.match import _summary
 from blender_addon.scene.pair import read_pair
 from blender_addon.services.matching.match import match_objects
 from blender_addon.services.targets import Outcome

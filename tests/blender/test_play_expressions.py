@@ -11,7 +11,8 @@ from test_faces import add_expressions
 
 from blender_addon.colors import stretched_colors
 from blender_addon.mesh_data import HeldKeys
-from blender_addon.operators import modal, play
+from blender_addon.operators.base import play_operator as play
+from blender_addon.operators.base import running_operators
 from blender_addon.operators.play_expressions import ZOOMOUT_OT_play_expressions
 from blender_addon.services import expressions
 from blender_addon.services.matching.match import match_objects
@@ -31,7 +32,7 @@ def pair(empty_scene):
 def operator():
     made = playing(ZOOMOUT_OT_play_expressions)
     yield made
-    modal.end(made)
+    running_operators.end(made)
     overlay.clear()
 
 

@@ -10,8 +10,8 @@ from scenes import activate, delete_vertex, ellipsoid
 import zoomout_core as zo
 from blender_addon import watch
 from blender_addon.jobs import run
-from blender_addon.operators import activity, ahead
-from blender_addon.operators.match import ZOOMOUT_OT_match
+from blender_addon.operators.base import activity, prepare_ahead
+from blender_addon.operators.matching.match import ZOOMOUT_OT_match
 from blender_addon.properties.preferences import EXTENSION, prepares_ahead
 from blender_addon.services.matching import prepare_ahead as service
 from blender_addon.services.matching.match import match_objects
@@ -29,7 +29,7 @@ def prepared(monkeypatch):
 
 def advance():
     """Prepare what is selected to the end."""
-    while ahead.advance(bpy.context):
+    while prepare_ahead.advance(bpy.context):
         pass
 
 
@@ -82,7 +82,7 @@ def test_unusable_pairs_are_not_prepared(source, target, prepared, monkeypatch, 
     elif reason == "same order":
         bpy.context.scene.zoomout.initial = "SAME_ORDER"
     elif reason == "large":
-        monkeypatch.setattr(ahead, "MAX_VERTICES", 100)
+        monkeypatch.setattr(prepare_ahead, "MAX_VERTICES", 100)
     elif reason == "shared":
         target.data = source.data
     else:
@@ -107,25 +107,25 @@ def test_unreadable_mesh_is_tried_once(source, target, monkeypatch):
 
 
 def test_operators_and_loaded_files_stop_preparation(source, target, prepared, monkeypatch):
-    assert ahead.advance(bpy.context)
+    assert prepare_ahead.advance(bpy.context)
     watch.forget_everything()
-    assert ahead._job is None
-    assert ahead.advance(bpy.context)
+    assert prepare_ahead._job is None
+    assert prepare_ahead.advance(bpy.context)
     monkeypatch.setattr(ZOOMOUT_OT_match, "_left", None, raising=False)
     bpy.ops.zoomout.match(detail="FAST")
-    assert ahead._job is None
+    assert prepare_ahead._job is None
 
 
 def test_preferences_control_preparation(monkeypatch):
     registered = []
     timers = SimpleNamespace(is_registered=lambda tick: False, register=lambda tick, **_: registered.append(tick))
     monkeypatch.setattr(
-        ahead, "bpy", SimpleNamespace(context=None, app=SimpleNamespace(background=False, timers=timers))
+        prepare_ahead, "bpy", SimpleNamespace(context=None, app=SimpleNamespace(background=False, timers=timers))
     )
     for wanted in (False, True):
-        monkeypatch.setattr(ahead, "prepares_ahead", lambda context, wanted=wanted: wanted)
-        ahead.consider()
-    assert registered == [ahead._tick]
+        monkeypatch.setattr(prepare_ahead, "prepares_ahead", lambda context, wanted=wanted: wanted)
+        prepare_ahead.consider()
+    assert registered == [prepare_ahead._tick]
     for addons, expected in (({}, False), *(({EXTENSION: said}, said) for said in (False, True))):
         entries = {name: SimpleNamespace(preferences=SimpleNamespace(prepare_ahead=on)) for name, on in addons.items()}
         context = SimpleNamespace(preferences=SimpleNamespace(addons=entries))

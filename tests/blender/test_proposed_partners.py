@@ -12,7 +12,7 @@ from test_landmarks import Placing, Screen, add, numbers, world
 from true_match import keep_true_match
 
 from blender_addon import jobs
-from blender_addon.operators import modal
+from blender_addon.operators.base import running_operators
 from blender_addon.scene.landmarks import landmark_pairs, landmarks_fingerprint, surface_points_on, world_positions
 from blender_addon.scene.pair import read_pair
 from blender_addon.services.clear_data import clear_match_data
@@ -109,7 +109,7 @@ def placing(source, matched):
     operator = Placing(Screen())
     operator.event("LEFTMOUSE", -1.2, 0.05)
     yield operator
-    modal.end(operator)
+    running_operators.end(operator)
 
 
 def test_clicking_a_proposal_confirms_it(source, matched, placing):

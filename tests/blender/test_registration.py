@@ -14,7 +14,7 @@ from drawing import Context, Layout
 from scenes import activate, ellipsoid, from_pydata
 
 import blender_addon
-from blender_addon.operators import activity
+from blender_addon.operators.base import activity
 from blender_addon.ui import menus
 from zoomout_core.runtime.progress import Progress
 

@@ -9,8 +9,9 @@ from rigged import POSE, set_pose, source_and_rig
 from scenes import activate, snapshot_file
 
 from blender_addon.mesh_data import HeldPose, read_bones, turn_bones
-from blender_addon.operators import modal, play
-from blender_addon.operators.test_poses import ZOOMOUT_OT_test_poses
+from blender_addon.operators.base import play_operator as play
+from blender_addon.operators.base import running_operators
+from blender_addon.operators.play_test_poses import ZOOMOUT_OT_test_poses
 from zoomout_core.transfer.rigging.poses import extreme_poses, extreme_turns
 
 
@@ -27,7 +28,7 @@ def rigged(empty_scene):
 def testing(rigged):
     operator = playing(ZOOMOUT_OT_test_poses)
     yield operator
-    modal.end(operator)
+    running_operators.end(operator)
 
 
 def transforms_of(source, armature):
@@ -91,7 +92,7 @@ def test_disabling_the_extension_restores_the_pose(rigged, testing):
     before = [tuple(bone.rotation_euler) for bone in armature.pose.bones]
     testing.invoke(testing.window, None)
     testing.cancel(testing.window)
-    assert not modal._running
+    assert not running_operators._running
     assert [tuple(bone.rotation_euler) for bone in armature.pose.bones] == before
 
 

@@ -34,7 +34,7 @@ from blender_addon import jobs
 from blender_addon.adapters import DATA
 from blender_addon.jobs import Job
 from blender_addon.operators.bind_to_rig import ZOOMOUT_OT_bind_to_rig
-from blender_addon.operators.match import ZOOMOUT_OT_match
+from blender_addon.operators.matching.match import ZOOMOUT_OT_match
 from blender_addon.operators.transfer import ZOOMOUT_OT_transfer
 from blender_addon.properties.match import MatchOptions
 from blender_addon.scene.selection import own_sources
@@ -430,7 +430,7 @@ def test_adjusting_reuses_the_computed_match(source, target, monkeypatch):
     report = jobs.run(adjusted())()
     assert report["source"] == "Source"
     np.testing.assert_array_equal(values(target.data, "zoomout_confidence"), confidence)
-    # It is no map of other meshes.
+    # It is not a map of other meshes.
     target.data.attributes.remove(target.data.attributes["zoomout_triangle"])
     target.data.vertices[0].co.x += 0.1
     bpy.context.view_layer.update()

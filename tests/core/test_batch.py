@@ -25,7 +25,7 @@ def work(job: Job, report: dict[str, Any]) -> list[str]:
         advance(0.5)
         report["stem"] = job.target.stem
         if job is JOBS[1]:
-            raise zo.MeshError("It is no mesh.")
+            raise zo.MeshError("It is not a mesh.")
         check_verdict(judge(0.1 if job is JOBS[2] else 0.99), force=False)
     return [f"Did {job.target.stem}."]
 
@@ -36,7 +36,7 @@ def test_failed_job_keeps_its_figures_and_the_others_run() -> None:
     assert {"version", "time", "source"} < figures.keys()
     written, failed, refused = json.loads(json.dumps(figures))["targets"]
     assert written == {"target": "0.ply", "status": "written", "output": "0.glb", "stem": "0"}
-    assert failed == {"target": "1.ply", "status": "failed", "error": "It is no mesh.", "stem": "1"}
+    assert failed == {"target": "1.ply", "status": "failed", "error": "It is not a mesh.", "stem": "1"}
     assert refused.pop("error").startswith("The match is probably wrong")
     assert refused == {"target": "2.ply", "status": "refused", "stem": "2"}
 

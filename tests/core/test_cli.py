@@ -173,7 +173,7 @@ def test_evidence_options_are_passed_to_the_match(
 @pytest.mark.filterwarnings("error")
 def test_match_reports_invalid_input_in_one_sentence(files: Path, arguments: tuple[str, ...], sentence: str) -> None:
     for name, text in {
-        "broken": "ply\nthis is no mesh\n",
+        "broken": "ply\nthis is not a mesh\n",
         "empty": "",
         "fractions": "0.5 1\n",
         "triples": "0 1 2\n",

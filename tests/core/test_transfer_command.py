@@ -7,9 +7,11 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pygltflib
 import pytest
 from click.testing import CliRunner
 from creatures import creature, true_vertex
+from skinned_tubes import write_tube
 
 import zoomout_core as zo
 from zoomout_core.assets.asset import Asset, Material, material_numbers
@@ -234,9 +236,31 @@ def test_a_part_of_the_target_receives_data_alone(files: tuple[Path, Path], tmp_
     assert np.ptp(color.values[:, 0]) > 0.5
     for arguments, reason in (
         (["--only", "Head"], "The target has no joint or mesh 'Head': choose from 'body'."),
-        (["--only", "body", "--move-rig"], "--only works without --move-rig and --keep-map"),
+        (["--only", "body", "--keep-map"], "--only works without --keep-map"),
+        (["--only", "body", "--move-rig"], "--move-rig has no joints of"),
         (["--only", "body", "--kinds", "weights"], "A part of a target keeps its joints and their weights"),
     ):
         code, said = run(files[0], target, "-o", tmp_path / "none.glb", *arguments)
         assert code in (1, 2)
         assert reason in said
+
+
+def test_a_part_receives_the_joints_of_a_second_source(tmp_path: Path) -> None:
+    body, head = tmp_path / "body.glb", tmp_path / "head.glb"
+    write_tube(body)
+    write_tube(head)
+    file = pygltflib.GLTF2().load(head)
+    file.nodes[2].name = "Jaw"
+    file.save(head)
+    code, said = run(head, body, "-o", tmp_path / "out.glb", "--only", "Upper", "--move-rig", "--kinds", "weights")
+    assert code == 0, said
+    assert "Transferred: skin weights." in said
+    assert "Added below Upper: 1 joint of the source, such as Jaw." in said
+    again = read_asset(tmp_path / "out.glb")
+    assert again.skin is not None
+    assert again.skin.names == ("Lower", "Upper", "Jaw")
+    assert again.skin.weights[:, [2]].max() > 0.9
+    # Without --move-rig, a part keeps its weights, which are not named then.
+    code, said = run(head, body, "-o", tmp_path / "out.glb", "--only", "Upper", "--kinds", "shape-keys,weights")
+    assert (code, "Transferred: shape keys.\n" in said) == (0, True), said
+    assert read_asset(tmp_path / "out.glb").skin.names == ("Lower", "Upper")

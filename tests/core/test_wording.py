@@ -33,6 +33,9 @@ HABITS = tuple(
         r"\bstands? (there|alike|in the way)\b",
         r"\bfor it is\b|\bas (it|they) stands?\b",
         r"\b[Cc]ounterpart",  # the word is "partner"
+        r"\bfrom which on\b",
+        r"(?<![Tt]here )\b(is|are|be) no (avatar|image|list|map|mesh|number|such)\b",
+        r", as (on|between) ",
     )
 )
 # Those of docstrings and comments, which may have the others.
@@ -49,6 +52,9 @@ CODE_HABITS = tuple(
         r"\bkeeps? (its|their) word\b",
         r"\bas good as none\b",
         r"\b[Cc]ounterpart",
+        r"\bfrom which on\b",  # "above which"
+        r"(?<![Tt]here )\b(is|are|be) no (avatar|image|list|map|mesh|number|such)\b",  # "is not a"
+        r", as (on|between) ",  # "such as"
     )
 )
 HASH = re.compile("#.*")
@@ -129,9 +135,24 @@ def test_names_of_tests_have_no_habits_of_a_translation() -> None:
     assert found == {}
 
 
-@pytest.mark.parametrize("code", ['"""What is drawn."""', "x = 1  # computed anew", '"""A line. What is lost."""'])
+@pytest.mark.parametrize(
+    "code",
+    [
+        '"""What is drawn."""',
+        "x = 1  # computed anew",
+        '"""A line. What is lost."""',
+        "LIMIT = 2  # size from which on it is large",
+        '"""None if it is no image."""',
+        '"""Rounding errors, as on a sphere, are zero."""',
+    ],
+)
 def test_a_stiff_comment_is_found(code: str) -> None:
     assert [text for _, text in _comments(code) if any(habit.search(text) for habit in CODE_HABITS)]
+
+
+@pytest.mark.parametrize("code", ['"""There is no mesh."""', "x = 1  # above which it is not a map"])
+def test_a_plain_comment_is_accepted(code: str) -> None:
+    assert not [text for _, text in _comments(code) if any(habit.search(text) for habit in CODE_HABITS)]
 
 
 @pytest.mark.parametrize(
@@ -143,6 +164,9 @@ def test_a_stiff_comment_is_found(code: str) -> None:
         '"Start. Of a file the lines are read."',
         '"The shape is prepared anew."',
         '"Its maps are surer."',
+        '"It is no image of a known type."',
+        '"The share from which on a map is red."',
+        '"The lips are joined, as on many scans."',
         '("Name of the collection " "of what is carried")',
     ],
 )

@@ -127,7 +127,7 @@ def test_an_error_is_one_sentence_and_nothing_is_written(files, tmp_path, source
 
 @pytest.fixture
 def scans(files, tmp_path):
-    """A folder of two targets, a file that is no mesh, and notes."""
+    """A folder of two targets, a file that is not a mesh, and notes."""
     folder, _ = files
     scans = tmp_path / "scans"
     scans.mkdir()

@@ -49,7 +49,7 @@ def test_platform_and_wheels_go_before_the_first_table_of_the_manifest():
 
 def test_zip_contains_license_but_not_demo():
     files = set(extension.shipped_files())
-    assert {"__init__.py", "operators/match.py", "LICENSE"} <= files
+    assert {"__init__.py", "operators/matching/match.py", "LICENSE"} <= files
     assert not any(name.startswith("demo/") for name in files)
 
 

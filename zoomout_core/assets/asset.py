@@ -83,10 +83,10 @@ class Asset(Summary):
         document: the document of a glTF file, with its nodes, joints, animations and extensions; None for other
             formats.
         notes: sentences about data that was left out.
-        objects: the name of each mesh of the file, and the number of its vertices, in the order of the vertices; empty
-            for formats without names.
-        nodes: the node of the document that each of these meshes is on; empty if the document is that of another mesh,
-            so that the whole surface becomes its mesh.
+        objects: name and number of vertices of each mesh of the file, in the order of the vertices. Empty for formats
+            without names.
+        nodes: the node of the document that each of these meshes is on. Empty if the document belongs to another mesh;
+            the whole surface then becomes one mesh.
         look: the document that has these materials in full, which may be that of another file.
         stored_map: the map from the source of its data, if the file stores it, see `update_asset`.
 

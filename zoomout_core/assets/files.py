@@ -19,14 +19,13 @@ from zoomout_core.assets.gltf.write import write_gltf
 from zoomout_core.assets.obj import read_obj, write_obj
 from zoomout_core.assets.ply import read_ply, write_ply
 from zoomout_core.mesh.formats.blender_files import ENDINGS as OF_BLENDER
-from zoomout_core.mesh.formats.draco import library
+from zoomout_core.mesh.formats.compression.draco import library
 from zoomout_core.mesh.formats.files import read_surface
 from zoomout_core.mesh.formats.more_files import READERS as MORE_READERS
 from zoomout_core.mesh.formats.named_files import named_files
-from zoomout_core.mesh.formats.opening import existing
+from zoomout_core.mesh.formats.opening import existing, explain_damage
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.surface import MeshError
-from zoomout_core.runtime.input_files import reason_of
 from zoomout_core.runtime.outputs import atomic_write_together, is_same_file, replaces_input
 
 READERS = {".glb": read_gltf, ".gltf": read_gltf, ".obj": read_obj, ".ply": read_ply, ".vrm": read_gltf}
@@ -62,15 +61,8 @@ def read_asset(path: str | PathLike[str], folders: Iterable[str | PathLike[str]]
     """
     place = existing(path)
     reader = READERS.get(place.suffix.lower())
-    try:
+    with explain_damage(path):
         return Asset(read_surface(place)) if reader is None else reader(place, tuple(map(Path, folders)))
-    except (MeshError, ImportError):
-        raise
-    except Exception as error:  # readers raise various errors on a broken file
-        raise MeshError(
-            f"{path} could not be read ({reason_of(error)}): check that the file is complete and has the right "
-            "extension."
-        ) from error
 
 
 def check_format(path: str | PathLike[str]) -> None:
@@ -88,8 +80,8 @@ def check_avatar(base: Asset, path: str | PathLike[str]) -> None:
     """
     if Path(path).suffix.lower() == AVATAR and not is_avatar(base.document):
         raise MeshError(
-            f"{path} would be no avatar, because its joints are not those of a VRM file: leave out the skin weights if "
-            "the target is an avatar, or write a .glb file."
+            f"{path} would not be an avatar, because its joints are not those of a VRM file: leave out the skin "
+            "weights if the target is an avatar, or write a .glb file."
         )
 
 
@@ -148,7 +140,7 @@ def write_asset(
         compression: "draco" or "meshopt", for glTF, see `compress_gltf`.
 
     Raises:
-        MeshError: files with this extension cannot be written or compressed, or a .vrm file would be no avatar.
+        MeshError: files with this extension cannot be written or compressed, or a .vrm file would not be an avatar.
         ImportError: a package that writes or compresses this format is not installed.
         OutputError: it cannot be written, or would replace an input; all earlier files are unchanged.
         TypeError: it is no Asset.

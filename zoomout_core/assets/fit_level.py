@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Move the vertices of a simplified mesh, and change their weights, so that it is close to the original in all poses.
 
-Minimises the distances of the original vertices from the planes of the triangles that are closest to them at rest, of
-the same connected part and not of the opposite side, in the sum of squares over the poses. They are linear in the rest
-positions, as each pose moves a vertex by a fixed matrix. The derivatives of the distances from a triangle's plane
-differ only by barycentric coordinates, so that the normal equations are summed over its points first. Conjugate
-gradients solve them. The distances are linear in the weights, too: joints that a vertex has share its motion so that
-its triangles, not the vertex alone, follow the mesh.
+Each original vertex is paired with the closest triangle at rest that belongs to the same connected part and faces the
+same side. The fit minimises the sum of squared distances of these vertices from the planes of their triangles, over all
+poses. The distances are linear in the rest positions, because each pose moves a vertex by a fixed matrix. The
+derivatives of the distances from a triangle's plane differ only by barycentric coordinates, so that the normal
+equations are summed over its points first. Conjugate gradients solve them. The distances are linear in the weights,
+too. The weights of a vertex are distributed among its joints such that its triangles follow the mesh, not the vertex
+alone.
 """
 
 from __future__ import annotations

@@ -32,15 +32,15 @@ from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.rigging.skinning import blend_matrices, transform_points
 from zoomout_core.transfer.rules import map_target, transfer_along
 
-# A given mesh is in the place of the asset if at most this share of its vertices is farther from it than this part of
-# the asset's extent. In levels of 100 to 350 vertices of four game characters, at most 0.3 % are; of characters with
-# arms turned by 15 degrees, at least 12 %.
+# A given mesh coincides with the asset if at most `MAX_FAR_SHARE` of its vertices are farther from it than `FAR`,
+# relative to the asset's extent. This holds for at most 0.3 % of the vertices in levels of 100 to 350 vertices of four
+# game characters, and for at least 12 % if arms are turned by 15 degrees.
 FAR, MAX_FAR_SHARE = 0.03, 0.05
-# A connected part of a given mesh replaces the part of the asset that most of its vertices are closest to, and others
-# that this share of as many are closest to; fewer are where layers touch.
+# A connected part of a given mesh replaces the part of the asset that is closest to most of its vertices. It also
+# replaces other parts that are closest to at least this share of as many; fewer vertices are due to touching layers.
 JOINED = 0.5
-# Vertices of a given mesh for which these parts are farther than the closest one by more than this share of the extent
-# receive data from the latter: a mesh may join a small part, such as a hat, to a large one. Layers are closer.
+# A given mesh may join a small part, such as a hat, to a large one. A vertex receives data from the closest part if the
+# replaced parts are farther by more than this share of the extent. Layers are closer.
 ASIDE = 0.01
 
 
@@ -49,10 +49,10 @@ ASIDE = 0.01
 def complete_levels(
     asset: Asset, given: Mapping[str, Asset], max_weights: int | None = None, keep_uv: bool = False
 ) -> dict[str, Level]:
-    """Give the data of an asset to meshes that are to be its levels of detail, made by hand.
+    """Transfer the data of an asset to its levels of detail, which were made by hand.
 
-    Their vertices and faces stay as they are. They receive all data of the asset, each vertex from the point of the
-    asset that is closest to it and on the same side, and weights that are fitted to the asset in poses.
+    Their vertices and faces stay as they are. Each vertex receives the data of the closest point of the asset that is
+    on the same side. The weights are fitted to the asset in poses.
 
     Args:
         asset: the asset, which is level 0.
@@ -204,6 +204,23 @@ def _fit_given_weights(source: Asset, surface: Surface, placed: _Placed, weights
     places = points_in_poses(source, poses, placed.groups_of_asset, groups, FITTED * len(first))
     fitted = fit_weights(surface.vertices[first], triangles, groups, csr_array(weights[first]), poses.joints, places)
     return csr_array(fitted[of_vertex])
+
+
+def refit_weights(source: Asset, level: Surface, found: SurfaceMap, weights: csr_array) -> csr_array:
+    """Weights of a level of detail, whose vertices stay, that are fitted to an asset whose weights were edited.
+
+    Args:
+        source: the asset at rest.
+        level: the level at rest.
+        found: the map of its vertices (k,) to the asset.
+        weights: (k, b) its weights to begin with, of the asset's joints.
+    """
+    poses = Poses(source)
+    first, of_vertex = merge_places(level.vertices)
+    own = components(unique_edges(of_vertex[level.triangles])[0], len(first))
+    there = poses.parts[source.surface.triangles[found.triangle[first], 0]]
+    groups, groups_of_asset = _group_parts(own, poses.parts, there)
+    return _fit_given_weights(source, level, _Placed(found, groups[of_vertex], groups_of_asset), weights, poses)
 
 
 def _own_uvs(asset: Asset, given: Asset) -> tuple[dict[str, Attribute], list[str]]:

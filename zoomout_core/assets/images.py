@@ -41,7 +41,7 @@ TEXTURE_EXTENSIONS = ("EXT_texture_webp", "EXT_texture_avif", "KHR_texture_basis
 
 
 def image_type(content: bytes) -> ImageType | None:
-    """The type of an image by its file content; None if it is no image of a known type."""
+    """The type of an image by its file content; None if it is not an image of a known type."""
     if content[:4] == b"RIFF" and content[8:12] == b"WEBP":
         return WEBP
     if content[4:12] in (b"ftypavif", b"ftypavis"):
@@ -53,7 +53,10 @@ def image_type(content: bytes) -> ImageType | None:
 
 
 def _is_targa(content: bytes) -> bool:
-    """Whether content has the header of a Targa image, which begins with no name: its fields are in their ranges."""
+    """Whether content has the header of a Targa image.
+
+    This format has no signature, so the ranges of its fields are checked.
+    """
     if len(content) < 18:
         return False
     color_map, kind, width, height = content[1], content[2], content[12:14], content[14:16]

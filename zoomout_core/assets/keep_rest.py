@@ -8,7 +8,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from zoomout_core.assets.asset import COLOR, MATERIALS, SHAPE_KEYS, Asset, kind_of, material_numbers, on_corners
+from zoomout_core.assets.asset import (
+    COLOR,
+    MATERIALS,
+    NORMALS,
+    SHAPE_KEYS,
+    Asset,
+    kind_of,
+    material_numbers,
+    on_corners,
+)
 from zoomout_core.assets.gltf.append import append_materials
 from zoomout_core.assets.gltf.materials import full_look
 from zoomout_core.assets.gltf.read import materials_of
@@ -22,7 +31,7 @@ SIMPLE = (
 
 
 def keep_rest(target: Asset, received: Asset, names: Collection[str], part: Blend) -> tuple[Asset, list[str]]:
-    """A target that receives attributes in a part, and keeps its own data elsewhere.
+    """Limit received attributes to a part of a target, which keeps its own data elsewhere.
 
     Args:
         target: the target before the transfer.
@@ -51,11 +60,13 @@ def keep_rest(target: Asset, received: Asset, names: Collection[str], part: Blen
 
 
 def _alike(new: Attribute, own: Attribute, surface: Surface) -> tuple[Attribute, Attribute]:
-    """Two attributes of a name in one format: shape keys with those of both, colours on corners with alpha."""
+    """Convert two attributes of one name to one format: keys of both, others on corners, colours with alpha."""
     if new.name == SHAPE_KEYS:
         values = np.zeros_like(new.values)
         values[:, [new.labels.index(label) for label in own.labels]] = own.values
         return new, replace(own, values=values, labels=new.labels)
+    if new.name == NORMALS and new.domain != own.domain:
+        new, own = (replace(each, values=on_corners(each, surface), domain=Domain.CORNER) for each in (new, own))
     if kind_of(new) == COLOR and (new.domain, np.shape(new.values)) != (own.domain, np.shape(own.values)):
         new, own = (
             _opaque(replace(each, values=on_corners(each, surface), domain=Domain.CORNER)) for each in (new, own)

@@ -26,7 +26,7 @@ from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.mirror_pairs import mirror_moves, mirror_pairs
 from zoomout_core.mesh.simplify import simplify
 from zoomout_core.mesh.surface import MeshError, Surface
-from zoomout_core.mesh.triangles import area_normals, unit_vectors
+from zoomout_core.mesh.triangles import area_normals, components, triangle_areas, unique_edges, unit_vectors
 from zoomout_core.messages import message
 from zoomout_core.runtime.progress import stage
 from zoomout_core.runtime.threads import on_one_blas_thread
@@ -139,14 +139,14 @@ def _simplify(source: Asset, poses: Poses, ratios: Sequence[float]) -> list[tupl
     rest = surface.vertices[first]
     corners = surface.triangle_corners
     textures = sorted((each for each in source.attributes if each.name.startswith(UV)), key=lambda each: each.name)
-    layers = [surface.triangles]  # vertices in one place, as of two meshes, or with other weights
-    materials = source.find(MATERIALS)
-    if materials is not None:
-        number = np.asarray(materials.values)[surface.triangle_face]
-        layers.insert(0, np.repeat(number[:, None], 3, axis=1))
-    for texture in reversed(textures):
+    materials, seams = source.find(MATERIALS), list[Integers]()
+    numbers = [] if materials is None else [np.asarray(materials.values)[surface.triangle_face]]
+    for texture in textures:
         values = np.round(on_corners(texture, surface), UV_DIGITS)
-        layers.insert(0, np.unique(values, axis=0, return_inverse=True)[1].ravel()[corners])
+        seams.append(np.unique(values, axis=0, return_inverse=True)[1].ravel()[corners])
+    # Materials come first: their borders are seen from afar. The vertices differ where several are in one place, as of
+    # two meshes, or with other weights.
+    layers = [*(np.repeat(each[:, None], 3, axis=1) for each in numbers), *seams, surface.triangles]
     order = np.argsort(-np.asarray(ratios), kind="stable")
     found = simplify(
         np.array([rest, *(each[first] for each in poses.positions)]),
@@ -155,9 +155,31 @@ def _simplify(source: Asset, poses: Poses, ratios: Sequence[float]) -> list[tupl
         [round(ratios[number] * len(surface.working.vertices)) for number in order],
         mirror_pairs(rest),
         on_corners(textures[0], surface)[corners] if textures else None,
+        seams[0] if seams else None,
+        _regions(rest, of_vertex[surface.triangles], numbers[0]) if numbers else None,
     )
     parts = [(alive, corners.ravel()[places], corners.ravel()[content]) for alive, places, content in found]
     return [parts[place] for place in np.argsort(order)]
+
+
+def _regions(vertices: Floats, triangles: Integers, materials: Integers) -> Integers:
+    """(m,) numbers of the connected regions of one material that triangles (m, 3) belong to.
+
+    The largest regions of all materials come first, then the second ones, such as the other eye, and so on.
+    """
+    key = materials[:, None] * len(vertices) + triangles
+    first, of_corner = np.unique(key, return_inverse=True)
+    corners = of_corner.reshape(-1, 3)
+    region = components(unique_edges(corners)[0], len(first))[corners[:, 0]]
+    area = np.bincount(region, triangle_areas(vertices, triangles))
+    material = np.zeros(len(area), dtype=np.int64)
+    material[region] = materials
+    order = np.lexsort((-area, material))
+    start = np.flatnonzero(np.diff(material[order], prepend=-2))
+    rank = np.arange(len(order)) - np.repeat(start, np.diff(start, append=len(order)))
+    number = np.empty_like(order)
+    number[order[np.lexsort((-area[order], rank))]] = np.arange(len(order))
+    return np.asarray(number[region])
 
 
 def _select(asset: Asset, alive: Integers, corners: Integers, content: Integers) -> tuple[Asset, Integers]:
@@ -190,10 +212,10 @@ def _select(asset: Asset, alive: Integers, corners: Integers, content: Integers)
 
 
 def _with_facing_normals(level: Asset, asset: Asset, used: Integers) -> Asset:
-    """A level with, at each corner, the normal nearest to its face's of those that its vertex has in the asset.
+    """Give each corner of a level the normal of its vertex in the asset that is nearest to its face's normal.
 
-    If all of them face another way, the face's own normal is used: such a place would be black. Vertices whose normals
-    face another way in the asset, such as those of foliage, keep them.
+    If all of them face away, the face's normal is used, because the place would be black. Vertices whose normals face
+    away in the asset, such as those of foliage, keep them.
     """
     normals, surface, made = asset.find(NORMALS), asset.surface, level.surface
     if normals is None:

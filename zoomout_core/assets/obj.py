@@ -136,7 +136,7 @@ class _MaterialReader:
     def _check(self, name: str, content: bytes) -> bytes | None:
         if image_type(content) is not None:
             return content
-        self._note(f"The image {shown(name)} is no image of a known type, and was left out.")
+        self._note(f"The image {shown(name)} is not an image of a known type, and was left out.")
         return None
 
     def _note(self, sentence: str) -> None:

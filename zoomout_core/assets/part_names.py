@@ -49,12 +49,12 @@ def parts_of_file(path: str | Path, surface: Surface) -> NamedParts:
 
 
 def matches(names: Iterable[str], patterns: Sequence[str]) -> bool:
-    """Whether one of some names matches one of the patterns, such as `Body*`, in any case."""
+    """Whether any of the names matches any of the patterns, such as `Body*`, regardless of case."""
     return any(fnmatchcase(name.lower(), pattern.lower()) for name in names for pattern in patterns)
 
 
 def mask_of_parts(asset: Asset, patterns: Sequence[str]) -> Floats:
-    """(n,) how far vertices belong to parts whose names match patterns.
+    """(n,) the degree, in [0, 1], to which vertices belong to parts whose names match patterns.
 
     Parts are objects, whose vertices have 1, and joints with those below them, whose vertices have the sum of their
     weights.

@@ -34,6 +34,7 @@ class StoredMap:
         has_partner: (n,) whether each vertex has a partner on the source.
         source: the digest of the source's surface.
         kinds: the kinds of data that were received.
+        fitted: whether the weights were fitted to the source in poses, as those of levels of detail are.
     """
 
     triangle: Integers
@@ -42,6 +43,7 @@ class StoredMap:
     has_partner: Booleans
     source: str
     kinds: tuple[str, ...]
+    fitted: bool = False
 
     @property
     def rows(self) -> Floats:
@@ -52,7 +54,7 @@ class StoredMap:
     @property
     def description(self) -> dict[str, Any]:
         """The values that belong to all vertices, for a file."""
-        return {"source": self.source, "kinds": list(self.kinds)}
+        return {"source": self.source, "kinds": list(self.kinds), "fitted": self.fitted}
 
     def on(self, source: Surface) -> MapOfSource:
         """The map onto a surface with the triangles of the source."""
@@ -70,8 +72,8 @@ class MapOfSource:
     has_partner: Booleans
 
 
-def stored_map_of(match: Match, source: Surface, kinds: tuple[str, ...]) -> StoredMap:
-    """The map of a match, to be stored with the asset that received data of some kinds.
+def stored_map_of(match: Match, source: Surface, kinds: tuple[str, ...], fitted: bool = False) -> StoredMap:
+    """The map of a match, to be stored with the asset that received data of some kinds, see `StoredMap`.
 
     Raises:
         MeshError: the source has too many triangles for their numbers to be stored.
@@ -83,7 +85,7 @@ def stored_map_of(match: Match, source: Surface, kinds: tuple[str, ...]) -> Stor
         )
     found, confidence = match.surface_map, np.asarray(match.confidence)
     has_partner = np.ones(len(confidence), dtype=bool) if match.has_partner is None else np.asarray(match.has_partner)
-    return StoredMap(found.triangle, found.barycentric, confidence, has_partner, digest_of(source), kinds)
+    return StoredMap(found.triangle, found.barycentric, confidence, has_partner, digest_of(source), kinds, fitted)
 
 
 def stored_map_from(rows: Floats, description: Any) -> StoredMap | None:
@@ -98,7 +100,8 @@ def stored_map_from(rows: Floats, description: Any) -> StoredMap | None:
     barycentric /= barycentric.sum(axis=1, keepdims=True)
     has_partner = rows[:, 3] >= 0
     confidence = np.clip(rows[:, 3], 0, 1)
-    return StoredMap(rows[:, 0].astype(np.int64), barycentric, confidence, has_partner, source, tuple(kinds))
+    triangle, fitted = rows[:, 0].astype(np.int64), description.get("fitted") is True
+    return StoredMap(triangle, barycentric, confidence, has_partner, source, tuple(kinds), fitted)
 
 
 def digest_of(source: Surface) -> str:
@@ -137,8 +140,8 @@ def same_triangles(before: Surface, now: Surface) -> tuple[Integers, Integers]:
     """Find the triangles of a surface in an edited file of it, by the places of their corners.
 
     Returns:
-        (m,) for each triangle of `before` its number now, -1 if it is gone; and (m, 3) the position in it of each of
-        its corners.
+        (m,) the present number of each triangle of `before`, -1 if it is gone; and (m, 3) the positions of its corners
+        in the present triangle.
     """
     places, of_before = np.unique(before.vertices, axis=0, return_inverse=True)
     reach = SAME_PLACE * float(np.ptp(places, axis=0).max())

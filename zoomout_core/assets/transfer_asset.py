@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
+from zoomout_core.assets.add_joints import add_joints
 from zoomout_core.assets.asset import COLOR, MATERIALS, NORMALS, SHAPE_KEYS, UV, WEIGHTS, Asset, Skin, kind_of, to_rest
 from zoomout_core.assets.check_rig import check_rig
 from zoomout_core.assets.gltf.move_skin import move_skin
@@ -35,9 +36,8 @@ from zoomout_core.transfer.rules import Match, map_target, transfer_along
 KINDS = (UV, COLOR, MATERIALS, SHAPE_KEYS, WEIGHTS, NORMALS)
 # Whether to unpose a target that gets a skin: if its pose differs from the source's rest pose, always, or never.
 SHAPES = ("automatic", "rest pose", "keep shape")
-# If a larger share of the target's area is within `RestTuning.in_place` of the source, both have the same pose and
-# place, so the source's joints take the target to the rest pose. Fingers and hems of a remeshed target are farther
-# away.
+# Share of the target's area within `RestTuning.in_place` of the source above which both have the same pose and place.
+# Then the source's joints take the target to the rest pose. Fingers and hems of a remeshed target are farther away.
 MIN_IN_PLACE_SHARE = 0.9
 
 
@@ -84,10 +84,12 @@ def transfer_asset(
         shape: how to take the target to the rest pose, from `SHAPES`.
         fill_below: confidence below which values are filled in from around, see `transfer.transfer`.
         max_weights: how many joints a vertex may have; as many as on the source, when not given.
-        move_rig: move the joints into the target, which keeps its own size, and compare how it plays the animations;
-            otherwise it takes the size of the source, whose joints stay where they are.
-        mask: (n_t,) share of the source's data at each vertex of the target, in [0, 1], so that several sources may
-            share a target: the rest of its data, its joints and its weights are its own. None to receive all.
+        move_rig: move the joints into the target, which keeps its size, and compare how both play the animations.
+            Otherwise the joints stay where they are, and the target takes the size of the source. With a mask, add the
+            joints that move the part to those of the target, and give the part their weights.
+        mask: (n_t,) share of the source's data at each vertex of the target, in [0, 1]. The target keeps the rest of
+            its data, its joints and, unless `move_rig` is set, its weights, so that several sources may share it. None
+            to receive all.
 
     Raises:
         MeshError: the source has no data of these kinds, it has no skin to move, or the map is of other surfaces.
@@ -99,42 +101,33 @@ def transfer_asset(
         >>> [attribute.name for attribute in made.asset.attributes]
         ['color']
     """
-    if shape not in SHAPES:
-        raise ValueError(f"shape is {shape!r}: give {', '.join(SHAPES)}.")
-    if isinstance(kinds, str) or not isinstance(kinds, Collection):
-        raise TypeError(f"kinds is {kinds!r}: give a list of {', '.join(KINDS)}.")
-    unknown = [kind for kind in kinds if kind not in KINDS]
-    if unknown:
-        raise ValueError(f"Unknown kind {unknown[0]!r}: choose from {', '.join(KINDS)}.")
+    _check_choices(kinds, shape)
     part = None
     if mask is not None:
-        part, kinds = Blend(mask=mask_of(mask, target.surface)), without_weights(kinds)
+        part = Blend(mask=mask_of(mask, target.surface))
+        kinds = kinds if move_rig else without_weights(kinds)
     chosen, skin = select_data(source, kinds)
     if move_rig and skin is None:
         raise MeshError("The source has no joints to move: choose a rigged source, and transfer its skin weights.")
     mapped = map_target(match, source.surface, place_all(target.surface), fill_below)
-    # Replace all of the target's data of a kind together.
     replaced = {kind_of(each) for each in chosen}
-    received = {each.name: each for each in target.attributes if kind_of(each) not in replaced}
-    notes: list[str] = []
-    for number, attribute in enumerate(chosen):
-        start, end = (0.7 * (number + step) / len(chosen) for step in (0, 1))
-        with stage(message("Transferring {what}", what=attribute.name), start, end):
-            carried = transfer_along(attribute, mapped)
-            if attribute.name == SHAPE_KEYS:
-                carried = _add_keys(target.find(SHAPE_KEYS), carried)
-        received[attribute.name] = carried
-        notes += carried.notes
-    motions: tuple[MotionCheck, ...] = ()
-    asset = replace(target, attributes=tuple(received.values()), notes=(), stored_map=None)
+    attributes, notes = _transfer_attributes(chosen, replaced, target, mapped)
+    asset = replace(target, attributes=attributes, notes=(), stored_map=None)
     if MATERIALS in replaced:
         asset = replace(asset, materials=source.materials, look=source.look)
+    names = tuple(each.name for each in chosen)
     if part is None:
         notes += _note_on_replaced(target, replaced, skin is not None)
     else:
-        asset, of_rest = keep_rest(target, asset, [each.name for each in chosen], part)
+        asset, of_rest = keep_rest(target, asset, list(names), part)
         notes += of_rest
-    if skin is not None:
+    motions: tuple[MotionCheck, ...] = ()
+    if skin is not None and part is not None:
+        with stage("Adding joints", 0.7, 1.0):
+            own_weights = skin_weights(skin, mapped, max_weights)
+            asset, of_joints = add_joints(source, asset, mapped, own_weights, mask_of(part.mask, target.surface))
+            notes += of_joints
+    elif skin is not None:
         with stage("Binding to the joints", 0.7, 1.0):
             own, at_rest, found = _bind(source, skin, mapped, shape, max_weights)
             document = source.document
@@ -147,11 +140,39 @@ def transfer_asset(
             motions = check_rig(source, asset, at_rest.surface_map)
             notes += note_on_motions(motions)
     advance(1.0)
-    return TransferredAsset(asset, tuple(each.name for each in chosen), tuple(notes), motions)
+    return TransferredAsset(asset, names, tuple(notes), motions)
+
+
+def _check_choices(kinds: Collection[str], shape: str) -> None:
+    """Check the arguments of `transfer_asset` that are chosen from lists."""
+    if shape not in SHAPES:
+        raise ValueError(f"shape is {shape!r}: give {', '.join(SHAPES)}.")
+    if isinstance(kinds, str) or not isinstance(kinds, Collection):
+        raise TypeError(f"kinds is {kinds!r}: give a list of {', '.join(KINDS)}.")
+    unknown = [kind for kind in kinds if kind not in KINDS]
+    if unknown:
+        raise ValueError(f"Unknown kind {unknown[0]!r}: choose from {', '.join(KINDS)}.")
+
+
+def _transfer_attributes(
+    chosen: Sequence[Attribute], kinds: Collection[str], target: Asset, mapped: MappedTarget
+) -> tuple[tuple[Attribute, ...], list[str]]:
+    """The target's attributes, those of some kinds replaced by the chosen ones, and notes."""
+    received = {each.name: each for each in target.attributes if kind_of(each) not in kinds}
+    notes: list[str] = []
+    for number, attribute in enumerate(chosen):
+        start, end = (0.7 * (number + step) / len(chosen) for step in (0, 1))
+        with stage(message("Transferring {what}", what=attribute.name), start, end):
+            carried = transfer_along(attribute, mapped)
+            if attribute.name == SHAPE_KEYS:
+                carried = _add_keys(target.find(SHAPE_KEYS), carried)
+        received[attribute.name] = carried
+        notes += carried.notes
+    return tuple(received.values()), notes
 
 
 def place_all(surface: Surface) -> Surface:
-    """A surface with its vertices that are not numbers, which no face uses, at a place among the others."""
+    """A surface whose vertices that are not numbers, and that no face uses, are moved among the others."""
     broken = np.isnan(surface.vertices).any(axis=1)
     if not broken.any():
         return surface
@@ -159,7 +180,7 @@ def place_all(surface: Surface) -> Surface:
 
 
 def select_data(source: Asset, kinds: Collection[str]) -> tuple[list[Attribute], Skin | None]:
-    """The attributes and the skin of an asset that are of some kinds.
+    """Select the attributes and the skin of an asset by kind.
 
     Raises:
         MeshError: there are none.
@@ -181,7 +202,9 @@ def without_weights(kinds: Collection[str]) -> list[str]:
     """
     chosen = [kind for kind in kinds if kind != WEIGHTS]
     if not chosen:
-        raise MeshError("A part of a target keeps its joints and their weights: choose other data for it.")
+        raise MeshError(
+            "A part of a target keeps its joints and their weights: choose other data for it, or move the rig."
+        )
     return chosen
 
 

@@ -60,6 +60,11 @@ REPLACED = REPORT, PAGE, MADE, PICTURES, RECORDS
 )
 @click.option("--transfer", is_flag=True, help="Write each target with all data of its source, as `zoomout transfer`.")
 @click.option("--move-rig", is_flag=True, help="The same, and move the joints of the source into the target.")
+@click.option(
+    "--parts",
+    is_flag=True,
+    help="With one of these, also transfer from the other source that is proposed for a part, to this part alone.",
+)
 @click.option("--force", is_flag=True, help="Write a target even if its match is probably wrong.")
 @click.option(
     "--resume/--restart", default=True, show_default=True, help="Resume from existing results, or recompute everything."
@@ -73,6 +78,7 @@ def find(
     compare: int | None,
     transfer: bool,
     move_rig: bool,
+    parts: bool,
     force: bool,
     resume: bool,
     as_json: bool,
@@ -90,6 +96,8 @@ def find(
         raise click.UsageError("--index works with a single library: give one --library, or leave --index out.")
     if output is None and (transfer or move_rig or len(targets) > 1 or targets[0].is_dir()):
         raise click.UsageError("Several targets, --transfer and --move-rig need a folder for the results: give -o.")
+    if parts and not (transfer or move_rig):
+        raise click.UsageError("--parts has nothing to transfer: give --transfer or --move-rig, too.")
     try:
         libraries = [Library(folder, index) for folder in folders]
         new = sum(len(library.new_files()) for library in libraries)
@@ -108,7 +116,7 @@ def find(
         carry = Carry.RIG if move_rig else Carry.DATA if transfer else Carry.NOTHING
         named = {item.name: item.path for item in items_of(files)}
         with progress_bar():
-            result = find_all(named, libraries, output, carry, compare=compare, force=force, resume=resume)
+            result = find_all(named, libraries, output, carry, compare=compare, parts=parts, force=force, resume=resume)
         write_reports(result)
     except (ValueError, OSError, ImportError) as error:
         raise click.ClickException(str(error)) from None

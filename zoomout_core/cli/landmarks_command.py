@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -17,10 +16,9 @@ from zoomout_core.assets.part_names import parts_of_file
 from zoomout_core.batch import (
     Job,
     check_inputs_stay,
-    end_with_code,
     plan,
+    report_outcomes,
     run_batch,
-    say_outcomes,
 )
 from zoomout_core.cli.report import json_option, match_figures
 from zoomout_core.command_options import batch_options, files_of_options, match_options, start_arguments
@@ -129,11 +127,7 @@ def landmarks(
         )
     except (ValueError, OSError, ImportError) as error:
         raise click.ClickException(str(error)) from None
-    if as_json:
-        click.echo(json.dumps(figures, indent=1))
-        end_with_code(outcomes)
-    else:
-        say_outcomes(outcomes, output)
+    report_outcomes(outcomes, figures, output, as_json)
 
 
 def read_template(mesh: str, positions: str) -> Template:

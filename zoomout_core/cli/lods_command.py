@@ -144,7 +144,7 @@ def _read_ratios(text: str) -> list[float]:
     """The shares of an option.
 
     Raises:
-        OptionError: they are no numbers.
+        OptionError: they are not numbers.
     """
     try:
         return [float(part) for part in text.split(",")]
@@ -153,7 +153,7 @@ def _read_ratios(text: str) -> list[float]:
 
 
 def _with_map(level: Level, asset: Asset, kinds: tuple[str, ...]) -> Asset:
-    return replace(level.asset, stored_map=stored_map_of(level.match, asset.surface, kinds))
+    return replace(level.asset, stored_map=stored_map_of(level.match, asset.surface, kinds, fitted=True))
 
 
 def _figures(path: Path, asset: Asset, level: Level | None, notes: list[str]) -> dict[str, Any]:

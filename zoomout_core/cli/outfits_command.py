@@ -32,8 +32,10 @@ from zoomout_core.runtime.threads import usable_cores
     "--body",
     multiple=True,
     metavar="PATTERN",
-    help="Name of meshes or materials that are parts of bodies, such as 'Body*'. May be repeated. By default, words "
-    "in their names tell.",
+    help=(
+        "Name of meshes or materials that are parts of bodies, such as 'Body*'. May be repeated. By default, bodies "
+        "are recognized by words in their names."
+    ),
 )
 @click.option(
     "--keep",

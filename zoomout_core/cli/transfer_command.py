@@ -3,9 +3,8 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -33,10 +32,9 @@ from zoomout_core.assets.transfer_asset import KINDS, SHAPES, base_of, select_da
 from zoomout_core.batch import (
     Job,
     check_inputs_stay,
-    end_with_code,
     plan,
+    report_outcomes,
     run_batch,
-    say_outcomes,
 )
 from zoomout_core.cli.report import json_option, match_figures, match_lines, match_notes
 from zoomout_core.command_options import (
@@ -62,6 +60,21 @@ from zoomout_core.transfer.keys.key_table import CONVENTIONS
 MATCHED = 0.8
 
 
+@dataclass(frozen=True)
+class _Choices:
+    """Options of the command for each target, as its help describes them."""
+
+    kinds: list[str]
+    shape: str
+    move_rig: bool
+    only: tuple[str, ...]
+    key_names: str | None
+    keep_map: bool
+    compression: str | None
+    candidate: int
+    force: bool
+
+
 @click.command()
 @batch_options(tuple(WRITERS), "glb")
 @click.option(
@@ -81,14 +94,15 @@ MATCHED = 0.8
 @click.option(
     "--move-rig",
     is_flag=True,
-    help="Move the joints of SOURCE into TARGET, which keeps its own size and build.",
+    help="Move the joints of SOURCE into TARGET, which keeps its own size and build. With --only, those that move the "
+    "part are added to the joints of TARGET.",
 )
 @click.option(
     "--only",
     multiple=True,
     metavar="PATTERN",
-    help="Transfer only to these joints of TARGET with those below them, or meshes, such as 'Head*'; all other data, "
-    "the joints and their weights stay. May be repeated.",
+    help="Transfer only to these joints of TARGET with those below them, or meshes, such as 'Head*'; all other data "
+    "stay, as do the joints and, without --move-rig, their weights. May be repeated.",
 )
 @click.option(
     "--key-names",
@@ -132,7 +146,8 @@ def transfer(
     target moves as SOURCE does. OBJ provides texture coordinates, colours and materials, PLY texture coordinates and
     colours. Other formats provide only a shape.
 
-    Several sources may share a target: transfer the body first, and then, from another source, --only the head.
+    Several sources may share a target: transfer the body first, and then, from another source, --only the head; with
+    --move-rig also the joints of its face, below the head of the first.
 
     A folder among TARGETS stands for the meshes in it. In an output folder each file is named after its target, and
     report.json has the result of each; a target that fails does not affect the others.
@@ -153,29 +168,13 @@ def transfer(
         for job in jobs:
             check_siblings(job.output, inputs)
         check_compression(jobs[0].output, compression)
-        if only:
+        if only and not move_rig:
             wanted = without_weights(wanted)
-        if only and (move_rig or keep_map):
-            raise OptionError("--only works without --move-rig and --keep-map, which are for a single source.")
+        if only and keep_map:
+            raise OptionError("--only works without --keep-map, which is for a single source.")
         arguments, asset = start_arguments(**options), read_asset(source, folders)
-        wanted_shape = shape.replace("-", " ")
-        choices = candidate, force, wanted, wanted_shape, move_rig, only, key_names, keep_map, compression, arguments
-        check_source(asset, source, wanted, jobs[0].output.suffix)
-        if move_rig and (WEIGHTS not in wanted or asset.skin is None):
-            raise MeshError(
-                f"--move-rig has no joints of {source} to move: leave it out, or choose a rigged glTF source and "
-                "--kinds with weights."
-            )
-        if key_names and (SHAPE_KEYS not in wanted or asset.find(SHAPE_KEYS) is None):
-            raise MeshError(
-                f"--key-names has no morph targets of {source} to rename: leave it out, or choose a source and --kinds "
-                "with shape-keys."
-            )
-        if keep_map and (key_names or jobs[0].output.suffix.lower() not in GLTF):
-            raise OptionError(
-                "--keep-map needs an output in glTF with the key names of SOURCE: leave out --key-names, and write "
-                f"{' or '.join(GLTF)} files."
-            )
+        choices = _Choices(wanted, shape, move_rig, only, key_names, keep_map, compression, candidate, force)
+        _check_choices(choices, asset, source, jobs[0].output.suffix)
         given = {
             "kinds": wanted,
             "shape": shape,
@@ -189,14 +188,11 @@ def transfer(
             "folders": folders,
             **options,
         }
-        outcomes, figures = run_batch(source, jobs, partial(_run_job, asset, folders, inputs, *choices), given, output)
+        run = partial(_run_job, asset, choices, arguments, folders, inputs)
+        outcomes, figures = run_batch(source, jobs, run, given, output)
     except (ValueError, OSError, ImportError) as error:
         raise click.ClickException(str(error)) from None
-    if as_json:
-        click.echo(json.dumps(figures, indent=1))
-        end_with_code(outcomes)
-    else:
-        say_outcomes(outcomes, output)
+    report_outcomes(outcomes, figures, output, as_json)
 
 
 def check_kinds(kinds: str) -> list[str]:
@@ -226,54 +222,83 @@ def check_source(source: Asset, path: str, kinds: list[str], ending: str) -> Non
     check_writable(trial, path, ending)
 
 
+def _check_choices(choices: _Choices, source: Asset, path: str, ending: str) -> None:
+    """Check before the first match that a source has the data that the options are about.
+
+    Raises:
+        MeshError: it lacks them, or they cannot be written.
+        OptionError: a map cannot be stored in such a file.
+    """
+    check_source(source, path, choices.kinds, ending)
+    if choices.move_rig and (WEIGHTS not in choices.kinds or source.skin is None):
+        raise MeshError(
+            f"--move-rig has no joints of {path} to move: leave it out, or choose a rigged glTF source and "
+            "--kinds with weights."
+        )
+    if choices.key_names and (SHAPE_KEYS not in choices.kinds or source.find(SHAPE_KEYS) is None):
+        raise MeshError(
+            f"--key-names has no morph targets of {path} to rename: leave it out, or choose a source and --kinds "
+            "with shape-keys."
+        )
+    if choices.keep_map and (choices.key_names or ending.lower() not in GLTF):
+        raise OptionError(
+            "--keep-map needs an output in glTF with the key names of SOURCE: leave out --key-names, and write "
+            f"{' or '.join(GLTF)} files."
+        )
+
+
 def _run_job(
     source: Asset,
+    choices: _Choices,
+    arguments: dict[str, Any],
     folders: Sequence[str],
     inputs: Sequence[Path],
-    candidate: int,
-    force: bool,
-    kinds: list[str],
-    shape: str,
-    move_rig: bool,
-    only: Sequence[str],
-    key_names: str | None,
-    stores_map: bool,
-    compression: str | None,
-    arguments: dict[str, Any],
     job: Job,
     report: dict[str, Any],
 ) -> list[str]:
-    """Transfer to one target, and write it; returns the lines of its outcome, and fills in its report."""
+    """Transfer to one target, and write it.
+
+    Args:
+        source: the source.
+        choices: options of the command.
+        arguments: options of the match.
+        folders: further folders in which buffers and images may be.
+        inputs: files that must not be replaced.
+        job: the target and the output.
+        report: filled in for `report.json`.
+
+    Returns:
+        The lines of the outcome.
+    """
     target = read_asset(job.target, folders)
     check_writable(target, job.target, job.output.suffix)
-    check_avatar(base_of(source, target, kinds), job.output)
-    mask = mask_of_parts(target, only) if only else None
+    check_avatar(target if choices.only else base_of(source, target, choices.kinds), job.output)
+    mask = mask_of_parts(target, choices.only) if choices.only else None
     with portion(0.0, MATCHED):
         result = match(source.surface, target.surface, **arguments)
-    if candidate:
+    if choices.candidate:
         with portion(MATCHED, MATCHED):
-            result = result.use(candidate)
+            result = result.use(choices.candidate)
     parts = parts_of(source)
-    report |= {
-        **match_figures(result, parts),
-        **note_figures([*source.notes, *target.notes, *match_notes(result, parts)]),
-    }
-    check_verdict(result.verdict, force, len(result.candidates))
+    notes = [*source.notes, *target.notes, *match_notes(result, parts)]
+    report |= match_figures(result, parts) | note_figures(notes)
+    check_verdict(result.verdict, choices.force, len(result.candidates))
     with keep_map(partial(save_match, result), job.output):
         job.output.parent.mkdir(exist_ok=True)
         with portion(MATCHED, 1.0):
-            made = transfer_asset(source, target, result, kinds, shape, move_rig=move_rig, mask=mask)
+            shape = choices.shape.replace("-", " ")
+            made = transfer_asset(source, target, result, choices.kinds, shape, move_rig=choices.move_rig, mask=mask)
         written, named = made.asset, list[str]()
-        if stores_map:
-            written = replace(written, stored_map=stored_map_of(result, source.surface, tuple(kinds)))
-        if key_names:
-            written, keys, named = rename_keys(made.asset, key_names)
+        if choices.keep_map:
+            written = replace(written, stored_map=stored_map_of(result, source.surface, tuple(choices.kinds)))
+        if choices.key_names:
+            written, keys, named = rename_keys(made.asset, choices.key_names)
             report["key_names"] = asdict(keys)
-        left_out = write_asset(written, job.output, inputs, compression)
-    received = [*made.received, *(["skin weights"] if made.asset.skin is not None else [])]
+        left_out = write_asset(written, job.output, inputs, choices.compression)
+    received = [*made.received, *(["skin weights"] if WEIGHTS in choices.kinds and source.skin is not None else [])]
     notes = [*report["notes"], *made.notes, *named, *left_out]
     report |= {"transferred": received, **note_figures(notes)}
-    if move_rig:
+    if choices.move_rig:
         report["motions"] = [asdict(each) for each in made.motions]
     return [
         f"Transferred: {', '.join(received)}.",

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
@@ -24,7 +23,7 @@ from zoomout_core.assets.files import (
 )
 from zoomout_core.assets.transfer_asset import KINDS
 from zoomout_core.assets.update_asset import changed_kinds, update_asset
-from zoomout_core.batch import Job, check_inputs_stay, end_with_code, is_folder, plan, run_batch, say_outcomes
+from zoomout_core.batch import Job, check_inputs_stay, is_folder, plan, report_outcomes, run_batch
 from zoomout_core.cli.report import json_option
 from zoomout_core.command_options import compress_option, folders_option, in_place_option
 from zoomout_core.mesh.surface import MeshError
@@ -79,11 +78,7 @@ def update(
         outcomes, figures = run_batch(new, jobs, run, {"old": old, "compress": compression, "folders": folders}, output)
     except (ValueError, OSError, ImportError) as error:
         raise click.ClickException(str(error)) from None
-    if as_json:
-        click.echo(json.dumps({**figures, "changed": changed}, indent=1))
-        end_with_code(outcomes)
-    else:
-        say_outcomes(outcomes, output)
+    report_outcomes(outcomes, {**figures, "changed": changed}, output, as_json)
 
 
 def _plan(new: str, derived: Sequence[str], output: str, in_place: bool) -> list[Job]:

@@ -91,7 +91,7 @@ class CollectionResult:
         )
 
     def trust(self, pair: PairName) -> float:
-        """How far to trust a pair's map as a whole, in [0, 1], from its certainty and the cycles around it."""
+        """Trust in a pair's map as a whole, in [0, 1], from its certainty and the cycles around it."""
         certainty, agreement = self.records[pair].certainty, self.agreement
         if agreement is None or pair not in agreement.after:
             return certainty
@@ -126,8 +126,8 @@ def match_collection(
     shapes with the same options are reused.
 
     Args:
-        shapes: paths of meshes or point clouds, named by file without extension; surfaces or other shapes
-            (`ShapeLike`), named by number; or a mapping of names to shapes.
+        shapes: a mapping of names to shapes; or a list. Files in a list are named without their extension, surfaces and
+            other shapes (`ShapeLike`) by their number.
         folder: folder of the results, created if missing. None for a temporary one, which lives as long as the result.
         template: the name or path of the shape that is the source of all others. If a map from it is uncertain, its
             target is also matched with a few other shapes.

@@ -162,7 +162,7 @@ class _Votes:
         return float(odds[labels[pair]] / odds.sum())
 
     def improve(self, labels: Mapping[PairName, int]) -> dict[PairName, int]:
-        """Improve labels until no single change lowers the cost."""
+        """Improve the chosen candidates until no single change lowers the cost."""
         found = dict(labels)
         for _ in range(CYCLES.rounds):
             if not sum([self._improve(pair, found) for pair in self.maps]):
@@ -170,7 +170,7 @@ class _Votes:
         return found
 
     def settle(self, labels: Mapping[PairName, int]) -> dict[PairName, int]:
-        """Improve labels until no change of one pair, or of all pairs of a shape, lowers the cost."""
+        """Improve the chosen candidates until no change of one pair, or of all pairs of a shape, lowers the cost."""
         found = dict(labels)
         of_shape: dict[str, list[PairName]] = {}
         for pair in self.maps:
@@ -183,7 +183,7 @@ class _Votes:
         return found
 
     def _improve(self, pair: PairName, labels: dict[PairName, int]) -> bool:
-        """Give a pair the cheapest candidate; returns whether it changed."""
+        """Choose the cheapest candidate of a pair; returns whether it changed."""
         if not self.cycles_of[pair]:
             return False
         costs = self._costs(pair, labels, self.cycles_of[pair])

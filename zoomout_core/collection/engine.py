@@ -36,8 +36,8 @@ ARRIVING = 60
 MAX_UNDER_WAY = 2000
 # The first version of Python that can leave out the working folder.
 SAFE_PATH_SINCE = (3, 11)
-# Files that a process keeps open, connections included, for itself and for each worker: a third more than 19 and 12,
-# which were measured with 2, 4 and 8 workers.
+# Number of files, including connections, that a process opens for itself and for each worker. These are a third more
+# than the 19 and 12 measured with 2, 4 and 8 workers.
 OWN_FILES, FILES_PER_WORKER = 26, 16
 # Where processes on this machine listen: other machines cannot connect.
 LOOPBACK = "127.0.0.1"
@@ -52,7 +52,7 @@ class Failure:
 
 
 class _Lost(Failure):
-    """A task that was abandoned with its worker, whether or not it was at fault."""
+    """A task that was abandoned when its worker was lost, perhaps because of another task."""
 
 
 @dataclass(frozen=True)
@@ -295,8 +295,8 @@ def sentence_of(error: BaseException | None) -> str:
 def local_engine(workers: int, retries: int) -> Iterator[Engine]:
     """An engine on this machine: this process for one worker, else a Dask cluster of one process per core.
 
-    The processes listen on this machine only, and require each other's certificates, which are made for each cluster:
-    whoever can send a task to a worker can run any code as its user.
+    The processes listen on this machine only, and authenticate each other with certificates that are made for each
+    cluster. Without this, anyone who can send a task to a worker can run any code as its user.
 
     Raises:
         ImportError: several workers were asked for, and Dask is not installed.
@@ -311,8 +311,8 @@ def local_engine(workers: int, retries: int) -> Iterator[Engine]:
 
     check_working_folder()
     check_open_files(workers)
-    # Each process computes on a core of its own. Dask's default settings return the memory of every freed array to the
-    # system at once, and request it again: 97 s of processor time instead of 61 (`benchmarks collection-engine`).
+    # Each process computes on a core of its own. By default, Dask returns the memory of every freed array to the system
+    # at once, and requests it again. This takes 97 s of processor time instead of 61 (`benchmarks collection-engine`).
     alone = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "ZOOMOUT_THREADS"), "1")
     settings = {
         "distributed.nanny.pre-spawn-environ": alone,

@@ -102,8 +102,8 @@ def draw_picture(
 ) -> Picture:
     """Draw the shape of a file.
 
-    Its colours are those of the drawn parent through a map file, from this shape to the parent if `forward`, else back;
-    without these they are by position.
+    Its colours come from the drawn parent through a map file, whose map leads from this shape to the parent if
+    `forward`, else back. Without a parent they depend on position.
     """
     surface = as_surface(read_shape(path))
     if parent is None or parent_path is None or map_file is None:

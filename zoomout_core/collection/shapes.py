@@ -95,7 +95,7 @@ class ShapeSummary:
         """Read a summary from a file that was written from `as_arrays`.
 
         Raises:
-            ArrayFileError: it is no such file.
+            ArrayFileError: it is not such a file.
         """
         try:
             arrays: dict[str, Any] = read_arrays(path)

@@ -17,7 +17,15 @@ from zoomout_core.assets.asset import COLOR, MATERIALS, NORMALS, SHAPE_KEYS, UV,
 from zoomout_core.collection.engine import Engine, Failure, InThisProcess, Task, run_tasks
 from zoomout_core.collection.shapes import Item, content_key
 from zoomout_core.collection.tasks import write_whole
-from zoomout_core.mesh.formats.blender_files import ENDINGS, IMPORTED, SOURCE, TARGET, run_blender, write_surface
+from zoomout_core.mesh.formats.blender_files import (
+    ENDINGS,
+    IMPORTED,
+    SOURCE,
+    TARGET,
+    run_blender,
+    split_asset,
+    write_surface,
+)
 from zoomout_core.mesh.formats.files import read_surface, write_shape
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.messages import Message, from_json, to_json, warning
@@ -92,26 +100,48 @@ def read_item(path: Path, role: str, output: Path, known: bool, program: str | N
 
 
 def carry_pair(
-    source: Path, target: Path, map_file: Path, output: Path, kinds: tuple[str, ...], record: Path, program: str | None
+    source: Path,
+    target: Path,
+    map_file: Path,
+    output: Path,
+    kinds: tuple[str, ...],
+    record: Path,
+    program: str | None,
+    move_rig: bool = False,
 ) -> tuple[str, ...]:
     """Transfer a source's data to a target by Blender, unless this is on record; returns notes for the user.
 
-    The map is between the surfaces that Blender read. The kinds are keys of `DATA`; with skin weights the target is
-    bound to the armature.
+    Args:
+        source: the file with the data, or an asset in a .blend file, see `split_asset`.
+        target: the file that receives it.
+        map_file: a map between the surfaces that Blender read.
+        output: the file to write.
+        kinds: keys of `DATA`; with skin weights the target is bound to the armature.
+        record: the file with the record.
+        program: Blender's program, see `blender_command`.
+        move_rig: bind the target to a copy of the armature whose bones move into it.
 
     Raises:
         MeshError: there is nothing to transfer, or a file cannot be read or written.
     """
-    contents = [content_key(path.read_bytes()) for path in (source, target, map_file)]
-    key = content_key(repr((contents, kinds, output.name, package_version())).encode())
+    contents = [content_key(path.read_bytes()) for path in (split_asset(source)[0], target, map_file)]
+    key = content_key(repr((contents, source.name, kinds, move_rig, output.name, package_version())).encode())
     known = _known_notes(record, key) if output.is_file() else None
     if known is not None:
         return known
     output.parent.mkdir(parents=True, exist_ok=True)
-    arguments = ["carry", str(source), str(target), "--map", str(map_file.absolute()), "--save", str(output.absolute())]
+    arguments = [
+        "carry",
+        str(source.absolute()),
+        str(target.absolute()),
+        "--map",
+        str(map_file.absolute()),
+        "--save",
+        str(output.absolute()),
+    ]
     arguments += ["--data", *(DATA[kind] for kind in kinds)]
     if WEIGHTS in kinds:
-        arguments += ["--bind", "--replace-binding"]
+        arguments += ["--bind", "--replace-binding", *(["--move-rig"] if move_rig else [])]
     report = run_blender(arguments, program)["targets"]
     errors = {name: entry["error"] for name, entry in report.items() if "error" in entry}
     if len(errors) == len(report):

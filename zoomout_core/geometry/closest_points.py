@@ -21,8 +21,8 @@ from zoomout_core.runtime.threads import threads
 BLOCK = 1 << 17
 # Most triangles tested for a query, to bound the time: with more rivals it is as far off the surface as these are wide.
 MAX_CANDIDATES = 256
-# Triangles at a vertex from which on it is the hub of a fan, such as the tip of a cone. What surrounds it surrounds
-# all vertices of the fan, so that lists of surroundings through hubs would grow by the square of its size.
+# Number of triangles at a vertex above which it is the hub of a fan, such as the tip of a cone. What surrounds it
+# surrounds all vertices of the fan, so that lists of surroundings through hubs would grow by the square of its size.
 HUB = 256
 # Minimum number of queries for which several threads are faster than one.
 MANY_QUERIES = 10_000
@@ -102,7 +102,7 @@ class _Group:
 
 
 def search_tree(points: Floats) -> cKDTree:
-    """An unbalanced k-d tree of points (n, d): built in a third of the time, and searched as fast."""
+    """An unbalanced k-d tree of points (n, d), which is built in a third of the time and searched equally fast."""
     return cKDTree(points, balanced_tree=False, compact_nodes=False)
 
 
@@ -171,7 +171,10 @@ def _first_min(values: Floats, group: Integers) -> Integers:
 
 
 def consecutive(sizes: Integers, most: int) -> list[Integers]:
-    """Divide the positions of sizes (q,) into blocks, in order; all but the first of each sum to less than `most`."""
+    """Divide items of sizes (q,) into consecutive blocks.
+
+    The sizes in a block, without its first, sum to less than `most`.
+    """
     return np.split(np.arange(len(sizes)), np.flatnonzero(np.diff(np.cumsum(sizes) // most)) + 1)
 
 
@@ -216,8 +219,9 @@ def project_to_embedding(
 ) -> tuple[Integers, Floats]:
     """Precise map: find the point of an embedded surface (n, k) that is closest to each query (q, k).
 
-    Searches the neighbourhood of the nearest vertex (q,), as in the local variant of Ezuz and Ben-Chen (Deblurring and
-    denoising of maps between shapes, 2017), with bounded memory. Uses single precision for many dimensions.
+    Only the neighbourhood of the nearest vertex (q,) is searched, in blocks of bounded memory: the local variant of
+    Ezuz and Ben-Chen, Deblurring and denoising of maps between shapes (2017). Uses single precision for many
+    dimensions.
 
     Returns:
         (q,) triangle numbers and (q, 3) barycentric coordinates.

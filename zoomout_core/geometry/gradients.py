@@ -37,11 +37,11 @@ def gradient_matrices(vertices: Floats, triangles: Integers) -> tuple[csr_array,
 
 
 def divergence_matrices(stiffness: csr_array, steps: Floats) -> tuple[csr_array, csr_array, csr_array]:
-    """(n, n) for each axis: what a component of gradients at vertices (n, 3) adds to their divergence.
+    """(n, n) for each axis: the contribution of a component of gradients at vertices (n, 3) to their divergence.
 
-    For each vertex i the sum of w_ij (g_i + g_j) / 2 s_ij over its neighbours j, with the weights w_ij of the edges of
-    the stiffness (n, n), and a step (e, 3) for each of its entries: the difference v_i - v_j of the vertices' places,
-    or a part of it.
+    For each vertex i the sum over its neighbours j of w_ij (g_i + g_j) / 2 s_ij. The w_ij are the weights of the edges
+    in the stiffness (n, n). Each of its entries has a step s_ij, a row of (e, 3): the difference v_i - v_j of the
+    vertices' places, or a part of it.
     """
     halves = (
         csr_array((-stiffness.data * step / 2, stiffness.indices, stiffness.indptr), shape=stiffness.shape)

@@ -2,9 +2,10 @@
 """Choose a label for each vertex of a mesh, with short borders between labels, by graph cuts.
 
 The energy sums the vertices' costs and the length of the borders (a Potts model). It is minimised by expansion moves:
-Boykov, Veksler and Zabih, Fast approximate energy minimization via graph cuts (2001). The length of a border follows
-from the edges that it cuts, within two rings so that it depends little on their directions, by the formula of Cauchy
-and Crofton: Boykov and Kolmogorov, Computing geodesics and minimal surfaces via graph cuts (2003).
+Boykov, Veksler and Zabih, Fast approximate energy minimization via graph cuts (2001). The length of a border is
+computed from the edges that it cuts, by the formula of Cauchy and Crofton: Boykov and Kolmogorov, Computing geodesics
+and minimal surfaces via graph cuts (2003). The edges connect vertices within two rings, so that the length depends
+little on their directions.
 """
 
 from __future__ import annotations

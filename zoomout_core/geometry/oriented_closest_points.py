@@ -102,7 +102,7 @@ class OrientedSurface:
         return np.isfinite(low[:, 0])[np.minimum(group, len(low) - 1)] & (group < len(low))
 
     def min_distance(self, points: Floats, group: Integers) -> Floats:
-        """(q,) distances from points (q, 3) to the bounding boxes of groups (q,), which no distance is less than."""
+        """(q,) distances from points (q, 3) to the bounding boxes of groups (q,), lower bounds for their triangles."""
         low, high = (each[group] for each in self._boxes)
         return np.asarray(np.linalg.norm(np.maximum(np.maximum(low - points, points - high), 0), axis=1))
 

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Procrustes analysis: the rotations and similarities that best align point sets, by least squares.
 
-The rotation follows from the singular value decomposition of the covariance (Kabsch, A solution for the best rotation
-to relate two sets of vectors, 1976), scale and translation from it as well (Umeyama, Least-squares estimation of
-transformation parameters between two point patterns, 1991). Everything is batched: `...` means any leading dimensions,
+The singular value decomposition of the covariance determines the rotation: Kabsch, A solution for the best rotation to
+relate two sets of vectors (1976). It also determines scale and translation: Umeyama, Least-squares estimation of
+transformation parameters between two point patterns (1991). Everything is batched: `...` means any leading dimensions,
 none for a single pair of point sets.
 
 A handedness is 1 for rotations, -1 for reflections, and None for the better fit of the two.
@@ -26,8 +26,8 @@ SMALLEST = 1e-300
 MIN_SPREAD = 1e-12
 # Fewer matrices are decomposed: their rotations in closed form would take longer.
 MANY_MATRICES = 64
-# Laguerre's method reaches double precision in this many steps for matrices of unit norm whose pairs of singular values
-# have sums with a product above the second number. Others are ambiguous, and decomposed.
+# Laguerre's method reaches double precision in this many steps for matrices of unit norm, if the product (a + b) (b +
+# c) (c + a) of their singular values is above the second number. Others are ambiguous, and decomposed.
 LAGUERRE_STEPS, MIN_CLEARNESS = 6, 0.003
 
 
@@ -56,8 +56,8 @@ def _rotations_in_space(matrices: Floats) -> Floats:
 
     With singular values a, b, c, the last one negative if the determinant is, s = a + b + c is the largest root of
     (s^2 - |M|^2)^2 - 8 det(M) s - 4 |cof(M)|^2 (Horn, Closed-form solution of absolute orientation using unit
-    quaternions, 1987). By the theorem of Cayley and Hamilton, the rotation is a polynomial of M and its cofactors,
-    divided by (a + b) (b + c) (c + a).
+    quaternions, 1987). By the Cayley-Hamilton theorem, the rotation is a polynomial of M and its cofactors, divided by
+    (a + b) (b + c) (c + a).
     """
     size = np.maximum(np.sqrt(np.einsum("nij,nij->n", matrices, matrices)), SMALLEST)
     rows = np.ascontiguousarray(np.moveaxis(matrices / size[:, None, None], 0, -1))  # of unit norm

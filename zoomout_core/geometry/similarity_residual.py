@@ -2,8 +2,8 @@
 """How far a map is from turning and scaling the surroundings of each vertex, without reflecting them.
 
 The surroundings are a few rings of neighbours. The best similarity follows from the singular values of the covariance
-of offsets and their images (Umeyama 1991, see `procrustes.py`), so the residual depends neither on the pose nor on
-the scale of either surface, and it uses no eigenfunctions.
+of offsets and their images (Umeyama 1991, see `procrustes.py`). The residual depends neither on the pose nor on the
+scale of either surface, and uses no eigenfunctions.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ ROUNDING = 1e-18
 def similarity_residual(vertices: Floats, triangles: Integers, images: Floats, rings: int) -> Floats:
     """How badly the best similarity without reflection maps the surroundings of each vertex to their images.
 
-    It is one minus the share of the images' offsets that the similarity explains, by least squares, and offsets count
-    inversely to their squared length, so that all rings count alike.
+    It is one minus the share of the images' offsets that the similarity explains, by least squares. Offsets are
+    weighted by the inverse of their squared length, so that all rings have the same influence.
 
     Args:
         vertices: (n, 3) of a mesh.
@@ -33,8 +33,8 @@ def similarity_residual(vertices: Floats, triangles: Integers, images: Floats, r
         rings: number of edges to the farthest neighbours of a vertex.
 
     Returns:
-        (n,) in [0, 1]: 0 if the map is a similarity there, near 1 if it scatters the surroundings, and also where it
-        maps them to a point.
+        (n,) in [0, 1]: 0 where the map is a similarity, near 1 where it scatters the surroundings or collapses them to
+        a point.
     """
     edges, _ = unique_edges(triangles)
     rows, columns = np.concatenate([edges, edges[:, ::-1]]).T

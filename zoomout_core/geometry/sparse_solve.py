@@ -10,10 +10,10 @@ from scipy.sparse.linalg import SuperLU, splu
 def factorise(matrix: csc_array | dia_array) -> SuperLU:
     """Factorise a sparse symmetric (n, n) matrix by scipy's SuperLU (Li 2005), since scipy has no sparse Cholesky.
 
-    Pivots are taken from the diagonal, which is stable for positive definite matrices, in an order of minimum degree
-    (George and Liu 1989); for indefinite ones a pivot may be off it, so that the permutations differ. Supernodes are
-    not relaxed: on a mesh of 80,000 vertices factorising takes 0.30 s, but 0.43 to 0.54 s with SuperLU's default sizes
-    or relaxed ones; solving takes the same time.
+    Pivots are taken from the diagonal, in an order of minimum degree (George and Liu 1989), which is stable for
+    positive definite matrices. For indefinite ones pivots may be off the diagonal; rows and columns then have different
+    permutations. Supernodes are not relaxed: factorising takes 0.30 s on a mesh of 80,000 vertices, but 0.43 to 0.54 s
+    with SuperLU's default sizes or with relaxed ones. Solving takes the same time.
 
     Raises:
         RuntimeError: the matrix is singular.

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Straight paths over a triangle mesh.
 
-A path crosses each triangle along a line, and is unfolded over the edges: the straightest geodesics of Polthier and
-Schmies (Straightest geodesics on polyhedral surfaces, 1998). So a point stays on its side of a thin gap, such as that
-between two lips, where the closest point in space may be on the other side.
+A path crosses each triangle along a line, and continues straight when the next triangle is unfolded into the plane:
+Polthier and Schmies, Straightest geodesics on polyhedral surfaces (1998). A point therefore stays on its side of a thin
+gap, such as the one between two lips. The closest point in space may be on the other side.
 """
 
 from __future__ import annotations
@@ -97,7 +97,7 @@ def _normalise(weights: Floats) -> Floats:
 
 
 def _turn_to(corners: Integers, first: Integers) -> Integers:
-    """(q, 3) corners in the same cyclic order, from the given one (q,) on."""
+    """(q, 3) corners in the same cyclic order, beginning with the given ones (q,)."""
     return np.take_along_axis(corners, (first[:, None] + np.arange(3)) % 3, axis=1)
 
 

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Smooth deformations of space: thin-plate splines in three dimensions.
 
-The spline f(x) = A x + b + sum_j w_j |x - c_j| minimises a bending energy among all functions that take its values
-(Duchon, Splines minimizing rotation-invariant semi-norms in Sobolev spaces, 1977; Bookstein, Principal warps, 1989). As
-in Wahba (Spline models for observational data, 1990) it is fitted to noisy data with fewer centres than data.
+The spline f(x) = A x + b + sum_j w_j |x - c_j| minimises a bending energy among all functions with the same values at
+the centres (Duchon, Splines minimizing rotation-invariant semi-norms in Sobolev spaces, 1977; Bookstein, Principal
+warps, 1989). As in Wahba (Spline models for observational data, 1990) it is fitted to noisy data with fewer centres
+than data.
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ class ThinPlateBasis:
         self.bending[4:, 4:] = -self._weights.T @ self._distances(centres) @ self._weights
 
     def at(self, points: Floats) -> Floats:
-        """(q, k) values of the functions at points (q, 3): one, the coordinates, then the bent ones."""
+        """(q, k) values of the functions at points (q, 3): the constant, the coordinates, then the distances."""
         return np.hstack([np.ones((len(points), 1)), points, self._distances(points) @ self._weights])
 
     def inverse_distances(self, points: Floats) -> Floats:

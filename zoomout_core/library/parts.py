@@ -49,8 +49,8 @@ BETTER = (
 
 # Rounds of closest points, which converge within about as many.
 ROUNDS = 10
-# A part is at most this many times as large or small on another source, relative to its body: a map that is wrong may
-# shrink it to a point, which fits.
+# Maximum ratio of a part's size on two sources, relative to their bodies. Without a limit, a wrong map may shrink a
+# part to a point, which always fits.
 MAX_SCALE = 2.0
 
 
@@ -145,8 +145,8 @@ def _pieces(joint: Integers, parents: Integers) -> Integers:
 def _errors(match: MatchResult, vertices: Floats, areas: Floats, piece: Integers) -> Floats:
     """(n,) squared distances of vertices (n, 3) from the source, on which a similarity places each piece, at unit area.
 
-    The similarity starts from the images of the piece, and then keeps its scale and follows the closest points, so that
-    errors of the map along the surface do not count.
+    The similarity is first fitted to the images of the piece. Its scale is then fixed, and it is fitted to closest
+    points, so that errors of the map along the surface have no effect.
 
     Args:
         match: the match, of any body of the target.

@@ -31,8 +31,8 @@ def draw_pair(
         result: the match.
         width: width of each picture, in pixels.
         height: its height.
-        blender: whether the source is placed like the target, whose z axis is up and which looks along -y, as in
-            Blender; otherwise the target is placed like the source, whose y axis is up, as in glTF.
+        blender: whether the source is placed like a target from Blender, whose z axis is up and which looks along -y.
+            Otherwise the target is placed like a source from glTF, whose y axis is up.
 
     Returns:
         (height, width, 3) pixels of the source and of the target, rows from top to bottom.

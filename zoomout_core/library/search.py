@@ -38,8 +38,8 @@ DEFORMED = "the best map onto it deforms the target too much (fit {fit:.0%})"
 UNCERTAIN = "the best map onto it is only {certainty} certain"
 
 
-# Misfit for a difference of one, in the order of the assets found: assets that share a body have equal maps, and are
-# told apart by their clothes.
+# Misfit that a difference of one is worth when found assets are sorted. Assets that share a body have equal maps, and
+# only their clothes distinguish them.
 TIE = 0.001
 
 
@@ -79,8 +79,8 @@ class FoundSource:
         path: its file, or the asset in a .blend file: `FILE.blend/Collection/Hero`.
         difference: how much its descriptor differs from the target's; 0.2 to 2.7 for the same body in another pose.
         certainty: the probability, in [0, 1], that the match is right as a whole.
-        misfit: the weighted geometric mean of the errors by which maps are ranked; mostly 0.04 to 0.11 for the same
-            body in another pose, and above 0.12 for another species.
+        misfit: the weighted geometric mean of the errors that rank maps. It is mostly 0.04 to 0.11 for the same body in
+            another pose, and above 0.12 for another species.
         match: the match of small bodies that stand for both, for pictures; None if there was none.
 
     Example:

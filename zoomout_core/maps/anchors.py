@@ -14,7 +14,7 @@ from zoomout_core.arrays import Floats, Integers
 class Anchors:
     """Functions that should agree under the map, such as distances to landmarks.
 
-    They are appended to the spectral coordinates in every nearest-neighbour search, and so keep the map in place where
+    They are appended to the spectral coordinates in every nearest-neighbour search. This keeps the map in place where
     the spectra of two shapes have little in common.
 
     Attributes:

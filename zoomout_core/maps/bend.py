@@ -16,9 +16,9 @@ from zoomout_core.mesh.triangles import edge_graph
 # In widths of the Gaussian: beyond, where it is 1e-4, the map does not change.
 REACH = 3.0
 # Places closer together than the width would need alternating displacements much larger than their errors. So only the
-# part that is smooth at that width is applied, from the singular values above this share of the largest. Gaussians of
-# half the width, and so on, at most MAX_WIDTHS, add the rest, until at most the share MAX_REMAINDER of the largest
-# displacement is missing.
+# part that is smooth at that width is applied, from the singular values above this share of the largest. The remainder
+# is added with Gaussians of half the width, and so on, with at most MAX_WIDTHS widths, until at most the share
+# MAX_REMAINDER of the largest displacement is left.
 MIN_SINGULAR_VALUE, MAX_WIDTHS, MAX_REMAINDER = 0.1, 7, 1e-3
 # A straight path along the tangent misses its goal on a curved surface, each further one by a smaller part of the rest.
 # Paths end once the largest error is this share of the largest displacement.

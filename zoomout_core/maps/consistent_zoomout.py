@@ -129,9 +129,9 @@ def consistent_zoomout(
 def latent_basis(functional_maps: Mapping[PairOfShapes, Floats], eigenvalues: Sequence[Floats]) -> list[Floats]:
     """A canonical consistent latent basis of functional maps (Huang, Achlioptas, Guibas, Ovsjanikov 2019).
 
-    It minimises the sum of ||C Y_source - Y_target||^2 over the maps (k, k), where the sum of Y^T Y over the shapes is
-    the identity. It is rotated so that the mean of Y^T diag(eigenvalues) Y is diagonal: its functions are ordered like
-    those of each shape. The columns (k, k) for each shape are its latent functions.
+    It minimises the sum of ||C Y_source - Y_target||^2 over the maps C (k, k), subject to a sum of Y^T Y over the
+    shapes that is the identity. It is rotated so that the mean of Y^T diag(eigenvalues) Y is diagonal: its functions
+    are ordered like those of each shape. The columns (k, k) for each shape are its latent functions.
     """
     k, count = len(eigenvalues[0]), len(eigenvalues)
     diagonal = np.zeros((count, k, k))

@@ -67,9 +67,9 @@ def fit_functional_map(
         descriptor_weight: a.
         multiplication_weight: b.
         laplacian_weight: c; the mask D has the mean one in each row.
-        orientation_weight: sets w relative to all other terms, by their means over diagonal maps of +-1, which include
-            the map of an isometry; signs of eigenfunctions do not matter. Ren et al. use 0.1, which is enough to keep
-            the orientation, but not always to reverse it.
+        orientation_weight: sets w relative to all other terms. Terms are compared by their means over diagonal maps of
+            +-1, which include the map of an isometry, so that signs of eigenfunctions do not matter. Ren et al. use
+            0.1, which is enough to keep the orientation, but not always to reverse it.
         orientation_operators: (e, k, k) operators of source and target by `zo.orientation_operators`, possibly of other
             descriptors; larger ones are cropped. None to leave the orientation open.
         orientation: "keep" the orientation, as rigid motions and other poses do, or "reverse" it, as reflections do.

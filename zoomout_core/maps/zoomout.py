@@ -120,10 +120,10 @@ def zoomout(
         initial: (k_t, k_s) functional map, or (n_t,) source vertex of each target vertex.
         k_final: size of the final functional map, on its larger side.
         step: growth per iteration.
-        samples: iterate on this many farthest points of each shape (at least k_final), or on these vertices of the
-            source and of the target, and finish on all vertices; None to iterate on all vertices.
-        sizes: (k_target, k_source), or one number for both, of the functional map that each iteration fits to the
-            pointwise map before it, in place of k_final and step. For a part and a whole: `slanted_sizes`.
+        samples: number of farthest points of each shape to iterate on (at least k_final), or vertex numbers of the
+            source and of the target. The last step uses all vertices; None to iterate on all vertices.
+        sizes: sizes (k_target, k_source) of the functional map in each iteration, or one number for both. They replace
+            k_final and step. For a part and a whole: `slanted_sizes`.
 
     Returns:
         The functional map at the last size and the dense vertex map.
@@ -162,7 +162,8 @@ def zoomout_both_ways(
     """Refine a map and its inverse together, so that they come closer to a bijection.
 
     Ren et al., MapTree: Recovering multiple solutions in the space of maps (2020). The functional map of each direction
-    is fitted to the pointwise maps T and S of both: Phi_target C to Phi_source[T], and Phi_target[S] C to Phi_source.
+    is fitted to the pointwise maps T and S of both directions: Phi_target C approximates Phi_source[T], and
+    Phi_target[S] C approximates Phi_source.
 
     Args:
         basis_source: basis of the surface that the map lands on.
@@ -217,7 +218,8 @@ def slanted_sizes(
 
     Returns:
         (k_target, k_source) of each iteration. If the target is the part, k_source = k_final k_target / r, rounded,
-        where r of its eigenvalues are as low as the first k_final of the source; and vice versa.
+        where r is the number of its eigenvalues below the k_final-th one of the source. If the source is the part, the
+        roles are exchanged.
 
     Raises:
         ValueError: a number is below one, or the bases have too few eigenfunctions.

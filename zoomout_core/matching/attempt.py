@@ -70,8 +70,8 @@ def best_of(attempts: Sequence[Attempt]) -> Attempt:
 def confirm(attempt: Attempt, by: Attempt) -> Attempt:
     """Raise the certainty of an attempt's first candidate to that of another attempt with the same map.
 
-    Maps that agree in most places may still differ on a leg. If the other attempt agrees with a rival of the first
-    candidate, too, it does not decide between the two, so that the rival keeps its share.
+    Maps that agree in most places may still differ on a leg. If the other attempt also agrees with a rival of the first
+    candidate, it does not decide between the two, and the rival keeps its share.
     """
     first, *others = attempt.candidates
     shapes = attempt.pair.source_shape, attempt.pair.target_shape
@@ -83,7 +83,7 @@ def confirm(attempt: Attempt, by: Attempt) -> Attempt:
 
 
 def _first_of_the_best(attempts: Sequence[Attempt]) -> Attempt:
-    """The first attempt that no other is clearly better than."""
+    """The first attempt to which no other is clearly superior."""
     most = max(attempt.worth for attempt in attempts)
     return next(attempt for attempt in attempts if ATTEMPTS.clearly_better * attempt.worth >= most)
 

@@ -144,7 +144,7 @@ def check_regions(regions: Regions | None, source: Surface, target: Surface) -> 
 
 
 def meet_exact_landmarks(surface_map: SurfaceMap, pair: Pair) -> SurfaceMap:
-    """Bend the map of a pair to its exact landmarks, if it has any; that of hulls met them shell by shell."""
+    """Bend the map of a pair to its exact landmarks, if it has any. Maps of hulls already meet them, shell by shell."""
     if pair.exact_landmarks is None or pair.target_shape.proxy.full.is_hull:
         return surface_map
     return bend_to_points(surface_map, pair.source, pair.target, *landmark_points(pair, pair.exact_landmarks))
@@ -221,9 +221,9 @@ def _positions_of_samples(pair: Pair) -> tuple[Floats, ...]:
 def _upright_agreement(places: Floats, images: Floats, weights: Floats) -> float:
     """How well a map from places (s, 3) to images (s, 3), with weights (s,) that sum to one, keeps what is up.
 
-    It is 1 if heights along y or z are in proportion. If the map turns a shape upside down along one of these axes, it
-    is the squared ratio of the extents along the other and this one: small for shapes that stand tall, near one for
-    long animals, which it does not tell apart. So covariances are compared, not correlations.
+    It is 1 if heights along y or z are in proportion. If the map turns a shape upside down along one of these axes, the
+    weight is the squared ratio of the extents along the other axis and this one. It is small for tall shapes. For long
+    animals it is near one and decides nothing. So covariances are compared, not correlations.
     """
     here, there = (points[:, UP_AXES] - weights @ points[:, UP_AXES] for points in (places, images))
     extents = np.sqrt((weights @ here**2) * (weights @ there**2))

@@ -25,13 +25,13 @@ SMALLEST_PROXY = 500
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MatchOptions:
-    """Options of a match; they are validated at once, as far as this does not need the surfaces.
+    """Options of a match. They are validated at once, except against the surfaces.
 
     Attributes:
         initial: the initial map. "auto": from the shapes alone. "landmarks": from the given pairs. "proximity": from
             nearest points, if the two overlap in space. "given": from `initial_map`.
-        landmarks: a tuple of places on the source and the places on the target that correspond to them: vertex numbers
-            (m,), or points (m, 3) on the surface, in its own frame and unit. A list of pairs is refused.
+        landmarks: a tuple (places on the source, corresponding places on the target). Each is vertex numbers (m,), or
+            points (m, 3) on the surface, in its own frame and unit. A list of pairs is refused.
         initial_map: a source vertex for each target vertex (n_t,), a SurfaceMap, or a functional map
             (k_t, k_s) between `eigenbasis(source)` and `eigenbasis(target)`. With initial="auto" it is evidence, not
             only the initial map.
@@ -48,7 +48,7 @@ class MatchOptions:
         regions: pairs of source vertices and target vertices that correspond as sets, such as vertex groups of the same
             name. They are evidence, constrain the map, and decide which loose parts are paired.
         partial: "auto": if the map of two whole shapes is uncertain, and a part may be missing at a border of either,
-            one is also tried as a part of the other, with initial="auto"; "off": shapes are whole.
+            one is also tried as a part of the other. This requires initial="auto". "off": both shapes are whole.
         exact_landmarks: deform the final map so that each landmark lands on its partner; else landmarks attract it.
 
     Raises:
@@ -114,9 +114,9 @@ def _check_pairs(landmarks: object, regions: object) -> None:
 
 
 def _are_pairs(landmarks: object) -> bool:
-    """Whether landmarks are pairs, instead of the landmarks of each surface.
+    """Whether landmarks are a list of pairs instead of a tuple of two lists.
 
-    Two pairs have the form of two lists of two landmarks, so these must be in a tuple.
+    Two pairs look like two lists of two landmarks, so the latter must be in a tuple.
     """
     if not isinstance(landmarks, list | tuple) and not (isinstance(landmarks, np.ndarray) and landmarks.ndim):
         return False

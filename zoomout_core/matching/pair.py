@@ -18,8 +18,8 @@ from zoomout_core.mesh.surface import LARGEST_COORDINATE, MeshError, Surface, me
 from zoomout_core.messages import as_message, message
 
 REPEATED = "Landmark {number} is the same pair as landmark {original}: it counts once."
-# A landmark is on the surface if it is this near to it, at unit area, which is rounding in single precision: then the
-# search, which takes longer than the rest of a first look at kept shapes, ends at the nearest vertex.
+# Distance, at unit area, up to which a landmark is at the nearest vertex: rounding in single precision. No closest
+# point is searched then, which would take longer than the rest of a first look at cached shapes.
 ON_SURFACE = 1e-6
 # A landmark is rejected if it is farther than this from its surface, at unit area.
 MAX_LANDMARK_DISTANCE = 0.05
@@ -118,8 +118,8 @@ def landmarks_on_parts(pair: Pair, landmarks: tuple[ArrayLike, ArrayLike]) -> tu
 
     Args:
         pair: the two surfaces.
-        landmarks: for the source and for the target either vertex numbers (m,), or points (m, 3) in the surface's
-            own frame and unit, which are projected to the surface.
+        landmarks: places on the source and on the target. Each is vertex numbers (m,), or points (m, 3) in the
+            surface's own frame and unit, which are projected to the surface.
 
     Raises:
         ValueError: the arrays are neither vertices nor points, or their lengths differ.
@@ -161,7 +161,7 @@ def _on_part(role: str, surface: Surface, shape: ShapeAnalysis, given: ArrayLike
 def _prefer_main_part(
     surface: Surface, shape: ShapeAnalysis, points: Floats, corners: Integers, barycentric: Floats
 ) -> tuple[Integers, Floats]:
-    """The places (m, 3) of points (m, 3) in triangles, moved to the main part where that is as good as there, too."""
+    """The places (m, 3) of points (m, 3) in triangles, moved to the main part where that is equally near."""
     on_part = shape.proxy.full.vertex_of >= 0
     other = np.flatnonzero(~on_part[corners].all(axis=1))
     triangles = surface.triangles[on_part[surface.triangles].all(axis=1)]

@@ -136,7 +136,7 @@ def _match_surfaces(source: Surface, target: Surface, options: MatchOptions, not
 def _attempt_bodies(
     source: Surface, target: Surface, known: Constraints, options: MatchOptions, notes: tuple[str, ...]
 ) -> list[Attempt]:
-    """Match one pair of bodies of two surfaces after the other, the most promising first, until a map is certain.
+    """Match pairs of bodies of two surfaces, the most promising first, until a map is certain.
 
     Tight hulls come last, for automatic matches of surfaces that have hulls.
     """
@@ -175,7 +175,7 @@ def _attempt(
 def _analyse(
     body: Bodies, options: MatchOptions, ahead: tuple[Callable[[ShapeAnalysis], object], ...]
 ) -> tuple[ShapeAnalysis, ShapeAnalysis]:
-    """The analyses of two bodies, with further computations on each that are to be done ahead."""
+    """The analyses of two bodies, and further computations on each that are done ahead."""
     size = options.k_final, options.samples, options.seed, options.proxy_vertices, ahead
     return side_by_side(lambda: prepare_shape(body.source, *size), lambda: prepare_shape(body.target, *size))
 
@@ -218,7 +218,7 @@ def _show(pair: Pair, sample_maps: Sequence[Integers]) -> None:
 
 
 def _prepare_rest(shape: ShapeAnalysis, turns: bool) -> None:
-    """Compute the data that candidates do without but later stages need, so that the first look need not wait."""
+    """Compute data that only stages after the candidates need, so that the first look need not wait for it."""
     if turns:
         self_maps(shape)
     if not shape.proxy.full.is_hull:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A map by proximity alone, for clothes on a body: the nearest points, if they are near and face the same way.
 
-Abdrashitov et al., Robust Skin Weights Transfer via Weight Inpainting (2023), section 3.1: places that are too far off,
-or near a surface that faces another way, such as the other leg, have no partner; the transfer fills them in.
+Abdrashitov et al., Robust Skin Weights Transfer via Weight Inpainting (2023), section 3.1. Places have no partner if
+they are too far away, or near a surface that faces another way, such as the other leg. The transfer fills them in.
 """
 
 from __future__ import annotations

@@ -52,7 +52,7 @@ class MatchResult(Summary):
 
     Attributes:
         surface_map: for every target vertex a point on the source surface.
-        confidence: (n_t,) in [0, 1]; 0 where the map was not computed but carried over from nearby, and small on parts
+        confidence: (n_t,) in [0, 1]. It is 0 where the map was not computed but taken from nearby, and small on parts
             that tears cut off from the rest.
         has_partner: (n_t,) whether a vertex of the target has a partner on the source. A part without one, such as
             a tail that the source lacks, maps to where its surroundings do. True for vertices without a face.
@@ -62,8 +62,8 @@ class MatchResult(Summary):
         chosen: number of the candidate that this result was computed from.
         notes: sentences for the user.
         pair: the analysed surfaces, from which results of other candidates are computed.
-        placed: the part of the target's area, in [0, 1], that has a partner and a known place: it is neither cut
-            off by tears nor a loose part of very low confidence.
+        placed: the share of the target's area, in [0, 1], that has a partner and a known place, so is neither cut off
+            by tears nor a loose part of very low confidence.
         filled: (n_t,) vertices at which the map was torn, and whose images were filled in from their surroundings.
         torn: (n_t,) vertices at which the map is torn still, and those on parts that tears cut off.
         names: (c,) number of the name of each of the source's components; None if they have none.
@@ -99,10 +99,10 @@ class MatchResult(Summary):
 
     @property
     def certainty(self) -> float:
-        """Probability that the map as a whole is right: no side swapped, nothing turned front to back.
+        """Probability that the map as a whole is right: no sides swapped, and not turned front to back.
 
-        It refers to the whole target, and decreases with the part that has no partner, or no known place. No map
-        that tears closed shapes is certain.
+        It refers to the whole target, and decreases with the area that has no partner or no known place. No map that
+        tears closed shapes is certain.
         """
         return self.candidates[self.chosen].certainty * self.placed
 
@@ -175,7 +175,7 @@ class MatchResult(Summary):
 
     @property
     def verdict(self) -> Verdict:
-        """Whether to use the map, to look at a place of it, or to try another one."""
+        """Whether to use the map, to check a place of it, or to try another one."""
         return judge(self.certainty, self.faults)
 
     def _summary(self) -> dict[str, str]:

@@ -92,7 +92,7 @@ def attempt_part(whole: Attempt, known: Constraints) -> Attempt:
 
 
 def _maps_of_fragments(whole: Attempt) -> Sequence[Candidate]:
-    """Maps of a pair as wholes that may as well be maps of two fragments."""
+    """Maps of a pair as wholes that may also be maps of two fragments."""
     if not are_fragments(whole.pair):
         return ()
     return [one for one in whole.candidates if not one.reverses_orientation][: PART_MATCH.as_wholes]

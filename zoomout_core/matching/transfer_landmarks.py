@@ -52,7 +52,7 @@ class LandmarkTransferTuning(Tuning, set_by="specimens"):
 
 
 LANDMARK_TRANSFER = LandmarkTransferTuning()
-# Rounding of the estimates of an error, at unit area, below which they do not tell landmarks apart.
+# Rounding of the estimates of an error, at unit area; smaller differences do not distinguish landmarks.
 EXACT = 3e-4
 # Smallest support of a place by its surroundings, so that errors stay finite.
 MIN_SUPPORT = 0.05
@@ -87,8 +87,8 @@ def transfer_landmarks(result: MatchResult, points: ArrayLike) -> TransferredLan
     """Find the places of landmarks on the target of a match.
 
     Solid bodies, such as bones and teeth, are warped onto each other by a smooth deformation of space that starts from
-    the map. It is more exact than the map, and keeps apart the two sides of a thin wall: a landmark on an outer surface
-    arrives on the outer surface. The landmarks of other shapes, such as bodies in two poses, follow the map.
+    the map. It is more exact than the map, and distinguishes the two sides of a thin wall: a landmark on an outer
+    surface arrives on the outer surface. The landmarks of other shapes, such as bodies in two poses, follow the map.
 
     Args:
         result: a match; its source carries the landmarks.
@@ -137,7 +137,7 @@ def _look_back(result: MatchResult, here: Samples, there: Samples, known: Corres
 
 
 class _Found(NamedTuple):
-    """Places (q, 3) on the target, and (q,) cosines of its normals there and those that were sought."""
+    """Places (q, 3) on the target, and (q,) cosines between its normals there and the wanted ones."""
 
     places: Floats
     agreement: Floats
@@ -162,15 +162,15 @@ def _closest(mesh: WorkingMesh, normals: Floats, points: Floats, facing: Floats)
 def _expected_errors(warped: Warp, known: Correspondences, feet: Floats, cycle: Floats, agreement: Floats) -> Floats:
     """(q,) expected errors of landmarks, at unit area.
 
-    Three distances are estimates of an error: by how much another warp, from the target to the source, misses the
-    start; how far less stiffness moved the place; and how far the map around the landmark is from the warp. Their
-    geometric mean is divided by how well the surroundings and the normals fit.
+    Three distances estimate the error: the distance by which a second warp, from the target to the source, misses the
+    start; the distance by which lower stiffness moves the place; and the distance between the map and the warp around
+    the landmark. Their geometric mean is divided by the fit of the surroundings and of the normals.
 
     Args:
         warped: the warp of the source.
         known: the map's correspondences.
         feet: (q, 3) the landmarks on the source.
-        cycle: (q,) by how much the warp back misses them.
+        cycle: (q,) distance by which the warp back misses them.
         agreement: (q,) cosines of the warped source's normals and the target's.
     """
     by_stiffness = np.linalg.norm(warped.fit.deform(feet) - warped.stiffer.deform(feet), axis=1)

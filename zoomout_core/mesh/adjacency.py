@@ -12,7 +12,7 @@ from zoomout_core.arrays import Booleans, Integers
 
 
 class Lists:
-    """Lists of entries (e,), the n-th of which begins at `start[n]`, the last end included."""
+    """Lists of entries (e,). List n begins at `start[n]` and ends before `start[n + 1]`."""
 
     def __init__(self, entries: Integers, start: Integers) -> None:
         self.entries, self.start = entries, start
@@ -22,7 +22,7 @@ class Lists:
         return self.start[chosen + 1] - self.start[chosen]
 
     def of(self, chosen: Integers) -> tuple[Integers, Integers]:
-        """(q,) the place in `chosen` (k,) of each entry of these lists, and the entries."""
+        """The entries of chosen lists (k,): (q,) the position of each entry's list in `chosen`, and the entries."""
         count = self.count(chosen)
         which = np.repeat(np.arange(len(chosen)), count)
         within = np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count)
@@ -96,7 +96,7 @@ class Edges:
 
 
 class Quads:
-    """The q pairs of triangles (m, 3) that have an edge in common, which is no line.
+    """The q pairs of triangles (m, 3) that share an edge which is not a line.
 
     Attributes:
         triangles: (q, 2) their numbers.
@@ -129,7 +129,7 @@ class Quads:
         return np.asarray(corners[self._owners[chosen], self._places[chosen]])
 
     def touch_once(self, chosen: Integers, count: int) -> Booleans:
-        """(k,) which of these quads have no triangle, of `count` ones, that an earlier one of them has."""
+        """(k,) which of these quads share none of the `count` triangles with an earlier one."""
         order = np.arange(len(chosen))
         owner = np.full(count, len(chosen))
         for each in self.triangles[chosen].T:

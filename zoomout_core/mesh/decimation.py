@@ -29,11 +29,11 @@ INDEPENDENT_SET_ROUNDS = 8
 # interpreter's lock.
 MAX_STAGE_VERTICES = 20_000
 # Standard deviation of random displacements of vertices before their quadrics are computed, along each axis, in vertex
-# spacings. Quadrics do not determine positions on flat facets, so that rounding would: of the vertices of six voxel-
-# remeshed game characters, 8 to 65 % went elsewhere at other scales, and now 0 to 2 %. The mean distance between a mesh
+# spacings. Quadrics do not determine positions on flat facets, so that rounding would. On six game characters remeshed
+# by voxels, 8 to 65 % of the vertices went elsewhere at other scales; now 0 to 2 % do. The mean distance between a mesh
 # and its proxy grows by 1 %; it is 5 % with 0.03.
 JITTER = 0.01
-# Share of flat vertices from which on a mesh is displaced: scans and sculpted bodies have at most 0.002, and low-poly
+# Share of flat vertices above which a mesh is displaced: scans and sculpted bodies have at most 0.002, and low-poly
 # characters as one skin 0.03 to 0.15. The area vectors around a flat vertex add up to their areas, less this share.
 MIN_FLAT, FLAT = 0.01, 1e-6
 
@@ -85,7 +85,7 @@ def _progress(most: int, left: int, count: int) -> float:
 
 
 def _share_of_flat(vertices: Floats, triangles: Integers) -> float:
-    """The share of the vertices whose triangles lie in a plane."""
+    """The share of the vertices whose triangles are in one plane."""
     normals = area_normals(vertices, triangles)
     of_lengths, *of_axes = (np.repeat(values, 3) for values in (row_norms(normals), *normals.T))
     areas = np.bincount(triangles.ravel(), of_lengths, len(vertices)).astype(np.float64)
@@ -105,9 +105,9 @@ def _simplify(vertices: Floats, triangles: Integers, count: int) -> tuple[Floats
 
 
 def _thin(vertices: Floats, triangles: Integers, close: float, random: np.random.Generator, done: float) -> Integers:
-    """(n,) for each vertex one that stays: itself, or one at the other end of a short edge.
+    """(n,) the vertex that replaces each vertex: itself, or one at the other end of a short edge.
 
-    Those that stay are a maximal independent set of the graph of short edges (Luby 1986).
+    The vertices that stay are a maximal independent set of the graph of short edges (Luby 1986).
     """
     n = len(vertices)
     tail, head = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()

@@ -40,7 +40,7 @@ def _flat(points: Floats, normal: Floats) -> list[Point]:
 
 
 def _turn(a: Point, b: Point, c: Point) -> float:
-    """Twice the signed area of a triangle: positive if the path from a by b to c turns left."""
+    """Twice the signed area of a triangle: positive if the path from a through b to c turns left."""
     return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
 
 

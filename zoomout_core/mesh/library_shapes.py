@@ -58,7 +58,7 @@ LibraryShape: TypeAlias = MeshLike | SceneLike | PointsLike | TensorMeshLike | T
 
 
 def library_shape(shape: Any) -> Surface | PointCloud | None:
-    """A shape of another library as one of ours; None if it is no such shape.
+    """A shape of another library as one of ours; None if it is not such a shape.
 
     Raises:
         MeshError: it is invalid.

@@ -16,8 +16,8 @@ class PartName(NamedTuple):
     """How an artist calls a part of a source.
 
     Attributes:
-        label: the name for the user: that of the object, followed by that of the material if the object has several;
-            without that of the object if there is no other.
+        label: the name for the user: that of the object, followed by that of the material if the object has several.
+            The object's name is left out if there is only one object.
         name: of its object; empty for none.
         material: of its material; empty for none.
     """

@@ -24,9 +24,9 @@ def as_shape(shape: ShapeLike) -> Surface | PointCloud:
     """Convert a user's shape to a surface or a point cloud.
 
     Args:
-        shape: a surface or point cloud; positions (n, 3) with faces, as `Surface` takes them; a mesh, scene or point
-            cloud of trimesh, a `meshio.Mesh`, a mesh or point cloud of Open3D (with tensors, too), or any object with
-            `vertices` and `faces`; or the path of a mesh file.
+        shape: a surface or point cloud; positions (n, 3) with faces, as `Surface` takes them; the path of a mesh file;
+            or a shape of another library: a mesh, scene or point cloud of trimesh, a `meshio.Mesh`, a mesh or point
+            cloud of Open3D (its tensor classes included), or any object with `vertices` and `faces`.
 
     Raises:
         MeshError: it is invalid, or the file cannot be read.

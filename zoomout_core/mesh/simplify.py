@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Simplify a mesh whose corners have data, in several poses at once, along its seams.
 
-Vertices are merged into neighbours by quadric error (Garland and Heckbert 1997), summed over the poses that the mesh
-can take (Mohr and Gleicher 2003), so that more vertices stay where it bends. Borders, seams of the data and borders
-between labels are lines: a vertex on a line moves along it, and one where lines meet stays. Each vertex of the
-result is a vertex of the mesh, with all of its data. If all lines must be ignored, a corner that moves across a seam
-keeps its own data, such as texture coordinates, so that no triangle has those of two charts. No collapse folds the
-surface: quadrics alone let the two sides of a thin part, such as a toe, merge into one sheet. A round makes cheap
-collapses that do not touch each other, and only costs of edges that these change are recomputed.
+Vertices are merged into neighbours in the order of their quadric errors (Garland and Heckbert 1997). Errors are summed
+over the poses of the mesh (Mohr and Gleicher 2003), so that more vertices stay where it bends. Borders, seams of the
+data and borders between labels are lines: a vertex on a line moves along it, and one where lines meet stays. Each
+vertex of the result is a vertex of the mesh, with all of its data. If lines must be ignored, a corner that moves across
+a seam keeps its own data, such as texture coordinates, so that no triangle mixes two charts. Small regions of a label,
+such as eyes, do not vanish. No collapse folds the surface: quadrics alone let the two sides of a thin part, such as a
+toe, merge into one sheet. A round makes cheap collapses that do not touch each other, and only costs of edges that
+these change are recomputed.
 """
 
 from __future__ import annotations
@@ -37,8 +38,10 @@ MIN_OPENING = 0.2
 KEPT_OPENING = 0.5
 # The opening between triangles of a plane.
 FLAT_OPENING = 2.0
-# Root mean square distances from their planes, relative to the extent, up to which collapses move vertices: first, and
-# once the least important layer is ignored. Farther ones would destroy parts.
+# Regions that do not vanish: their largest number, relative to the vertices of the result, and the triangles of each.
+REGIONS, KEPT_TRIANGLES = 0.125, 2
+# Root mean square distances from their planes, relative to the extent, by which collapses may move vertices: at first,
+# and once the least important layer is ignored. Farther ones would destroy parts.
 DISTANCES = (0.01, 0.02)
 # Entries of quadrics that are processed together, to bound the memory.
 BLOCK = 1 << 19
@@ -72,6 +75,8 @@ def simplify(
     counts: Sequence[int],
     mirror: Integers | None = None,
     chart: Floats | None = None,
+    charts: Integers | None = None,
+    regions: Integers | None = None,
 ) -> list[tuple[Integers, Integers, Integers]]:
     """Reduce a mesh step by step, to about the given numbers of vertices.
 
@@ -83,13 +88,20 @@ def simplify(
         counts: numbers of vertices of the results, the largest first.
         mirror: (n,) the mirror image of each vertex, -1 for none; images are treated alike.
         chart: (m, 3, 2) texture coordinates, whose triangles are not turned over.
+        charts: (m, 3) numbers of the data that each corner keeps when it moves across a seam that is no line; those of
+            the first layer, when not given.
+        regions: (m,) numbers of regions that do not vanish, such as eyes, the most important first, see `REGIONS`;
+            none when not given.
 
     Returns:
-        For each count (m',) the triangle that each triangle of the result was, (m', 3) a corner that was at the vertex
-        of each of its corners, and (m', 3) the corner whose data each has, in the flat list of all corners (3 m). The
-        two differ where all layers are ignored and a triangle reaches across a seam of the first.
+        Three arrays for each count: (m',) the original triangle of each triangle of the result, (m', 3) an original
+            corner at the vertex of each of its corners, and (m', 3) the original corner that each takes its data from.
+            Corners are numbers in the flat list of all corners (3 m). The last two differ where a triangle reaches
+            across a seam of `charts` that is no line.
     """
-    state = _State(poses, triangles, layers[0] if len(layers) else np.zeros_like(triangles), mirror, chart)
+    if charts is None:
+        charts = layers[0] if len(layers) else np.zeros_like(triangles)
+    state = _State(poses, triangles, charts, mirror, chart, regions)
     fewer = max(len(layers) - 1, 0)
     steps = [(fewer, DISTANCES[0]), *((kept, DISTANCES[1]) for kept in range(fewer, -1, -1))]
     state.mirror_diagonals(layers)
@@ -97,6 +109,7 @@ def simplify(
     first = max(state.count_vertices(), counts[0] + 1)
     found = []
     for count in counts:
+        state.guard_regions(0 if regions is None else int(REGIONS * count))
         while (now := state.count_vertices()) > count:
             advance(float(np.log(first / now) / np.log(first / counts[-1])))
             if state.collapse(now - count):
@@ -117,17 +130,25 @@ class _State:
 
     Attributes:
         triangles: (m', 3) vertex numbers.
+        region: (m',) the regions of the triangles.
+        spare: (r,) how many triangles each region can lose.
         alive: (m',) the number that each triangle had at first.
         corners: (m', 3) the corner at whose first vertex each corner is.
         content: (m', 3) the corner whose data each corner has.
         normals: (m', 3) the unit normals of the triangles at rest.
-        layer: (3 m,) numbers of the most important data of the corners.
+        charts: (m, 3) numbers of the data that stays within its seams, see `simplify`.
         wedge: (3 m,) numbers of the data whose seams are lines, of the corners.
-        content_wedge: (3 m,) those of the data that stays within its seams: as `wedge`, but `layer` without lines.
+        content_wedge: (3 m,) those of this data and `charts` together.
     """
 
     def __init__(
-        self, poses: Floats, triangles: Integers, layer: Integers, mirror: Integers | None, chart: Floats | None
+        self,
+        poses: Floats,
+        triangles: Integers,
+        charts: Integers,
+        mirror: Integers | None,
+        chart: Floats | None,
+        regions: Integers | None,
     ) -> None:
         centre = poses.mean(axis=1, keepdims=True)
         size = max(float(np.ptp(poses[0], axis=0).max()), 1e-30)
@@ -138,25 +159,32 @@ class _State:
         whole = (triangles != np.roll(triangles, 1, axis=1)).all(axis=1)
         self.alive = np.flatnonzero(whole)
         self.triangles = triangles[whole].copy()
+        self.region = np.zeros(whole.sum(), dtype=np.int64) if regions is None else regions[whole]
         self.corners = np.arange(triangles.size).reshape(-1, 3)[whole]
-        self.content, self.layer = self.corners.copy(), layer.ravel()
+        self.content, self.charts = self.corners.copy(), charts
         self.mirror = None if mirror is None else mirror.copy()
         self.chart = None if chart is None else chart.reshape(-1, 2)
         # The mesh at first, and the vertex that each vertex was merged into.
         self.first = self.triangles.copy(), self.corners.copy()
         self.into = np.arange(len(self.places))
 
+    def guard_regions(self, count: int) -> None:
+        """Let only a number of regions, the most important ones, not vanish from now on."""
+        self.spare = np.bincount(self.region)
+        self.spare[:count] = np.maximum(self.spare[:count] - KEPT_TRIANGLES, 0)
+        self.touched[:] = True  # as other collapses may be possible
+
     def count_vertices(self) -> int:
         """The number of vertices that triangles have."""
         return int(np.count_nonzero(np.bincount(self.triangles.ravel())))
 
     def set_lines(self, layers: Sequence[Integers], distance: float) -> None:
-        """Let seams of these layers be lines, and no collapse move vertices farther than a distance.
+        """Treat seams of these layers as lines, and limit the distance by which collapses move vertices.
 
-        Quadrics are summed again, so that lines of other layers no longer count.
+        Quadrics are summed again, without the lines of other layers.
         """
         self.distance, self.wedge = distance, self._combine(layers)
-        self.content_wedge = self.wedge if len(layers) else self.layer
+        self.content_wedge = self._combine([*layers, self.charts])
         self.quadrics = np.zeros((*self.places.shape[:2], 10))
         self._add_triangles()
         self._add_lines()
@@ -176,10 +204,10 @@ class _State:
         return wedge
 
     def mirror_diagonals(self, layers: Sequence[Integers]) -> None:
-        """Make the mesh as symmetric as its vertices, as edges without a mirror image are never collapsed.
+        """Make the edges as symmetric as the vertices, because edges without a mirror image are never collapsed.
 
-        Where an image is missing because the quad there is divided along its other diagonal, the longer one of the two
-        diagonals is flipped: programs divide quads alike on both sides. Ends of edges that still have no image, or a
+        If an image is missing because the quad there is divided along its other diagonal, the longer of the two
+        diagonals is flipped. Programs divide quads alike on both sides. Ends of edges that still have no image, or a
         seam of the layers on one side only, are treated independently.
         """
         if self.mirror is None:
@@ -218,7 +246,7 @@ class _State:
         self._unpair(edges.ends[uneven].ravel())
 
     def _unpair(self, vertices: Integers) -> None:
-        """Treat vertices, of which -1 is none, and their mirror images independently from now on."""
+        """Treat vertices and their mirror images independently from now on; -1 is ignored."""
         assert self.mirror is not None
         vertices = vertices[vertices >= 0]
         images = self.mirror[vertices]
@@ -382,7 +410,7 @@ class _State:
         return np.where(other >= 0, np.minimum(vertex, other), vertex)
 
     def _choose(self, among: _Candidates, edges: Edges, around: Lists) -> Integers:
-        """Numbers of cheap collapses that do not touch each other; those that are impossible are noted as such."""
+        """Numbers of cheap collapses that do not touch each other. Impossible ones are marked."""
         tail, head, rank = among.tail, among.head, among.rank
         count = max(int(np.ceil(SHARE * len(tail))), 1)
         which, triangle = around.of(tail[:count])
@@ -427,6 +455,9 @@ class _State:
             & (removed_count > 0)
             & (around.count(tail) > removed_count)
         )
+        lost, count = np.unique(which[removed] * len(self.spare) + self.region[triangle[removed]], return_counts=True)
+        collapse, region = np.divmod(lost, len(self.spare))
+        fits[collapse[count > self.spare[region]]] = False
         which, triangle, rows = which[~removed], triangle[~removed], rows[~removed]
         at_tail = rows == tail[which, None]
         before, areas = self._normals(rows)
@@ -446,7 +477,7 @@ class _State:
     def _folds(
         self, tail: Integers, head: Integers, which: Integers, triangle: Integers, normals: Floats, edges: Edges
     ) -> Booleans:
-        """(q,) whether collapses fold triangles onto a neighbour, clearly more than any at the same tail before.
+        """(q,) whether collapses fold triangles onto a neighbour, clearly more than any at the same tail was before.
 
         Args:
             tail: (k,) the vertices that are merged.
@@ -473,7 +504,7 @@ class _State:
     def _move_content(
         self, tail: Integers, head: Integers, around: Lists, which: Integers, content: Integers, at_tail: Booleans
     ) -> Integers:
-        """The content (k, 3) of triangles after collapses `which`: across a seam, they keep that of the tail."""
+        """The content (k, 3) of triangles after collapses `which`. Across a seam, they keep the content of the tail."""
         own = (content * at_tail).sum(axis=1)
         goal = self._partners(tail, head, around, self.content, self.content_wedge).find(which, self.content_wedge[own])
         return np.where(at_tail, np.where(goal < 0, own, goal)[:, None], content)
@@ -523,7 +554,8 @@ class _State:
                 other = self.mirror[np.flatnonzero(marks)]
                 marks[other[other >= 0]] = True
         whole = (self.triangles != np.roll(self.triangles, 1, axis=1)).all(axis=1)
-        self.triangles, self.alive = self.triangles[whole], self.alive[whole]
+        self.spare -= np.bincount(self.region[~whole], minlength=len(self.spare))
+        self.triangles, self.alive, self.region = self.triangles[whole], self.alive[whole], self.region[whole]
         self.corners, self.content = self.corners[whole], self.content[whole]
 
 

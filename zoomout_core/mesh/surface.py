@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Surfaces and point clouds, validated once on creation.
 
-A `Surface` keeps the user's mesh unchanged: vertices, polygons, corners. Geometry is computed on its `working` copy,
-where coincident borders are welded, degenerate faces are removed, the winding is consistent and the total area is one.
+A `Surface` keeps the user's mesh unchanged: vertices, polygons, corners. Geometry is computed on its `working` copy, in
+which coincident borders are welded, degenerate faces are removed, the winding is consistent and the total area is one.
 """
 
 from __future__ import annotations
@@ -61,8 +61,8 @@ class Surface(Summary):
         triangle_corners: (m, 3) the corners that each triangle of the triangulation connects.
 
     Raises:
-        MeshError: no faces, numbers that are fractional or out of range, coordinates that are not finite or so far from
-            zero that the faces vanish in rounding, or no area.
+        MeshError: there are no faces or no area; vertex numbers are fractional or out of range; or coordinates are not
+            finite, or so far from zero that the faces vanish in rounding.
 
     Example:
         >>> square = zo.Surface([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2, 3]])
@@ -159,7 +159,7 @@ class Surface(Summary):
         self._check_rounding()
 
     def _check_rounding(self) -> None:
-        """Reject coordinates whose rounding is larger than an edge: of the shape, nothing is left."""
+        """Reject coordinates whose rounding is larger than an edge, because nothing is left of the shape."""
         if self.rounding_of_edges > 1:
             raise MeshError(
                 "The mesh is so far from its origin that its coordinates are rounded by more than an edge length: move "

@@ -10,9 +10,9 @@ from zoomout_core.mesh.ear_clipping import clip_ears
 
 # A triangle of less than this share of its face's area is degenerate up to rounding.
 NO_AREA = 1e-12
-# Corners of the largest face that may become a fan. Its triangles meet at one vertex, where searches compare all pairs
-# of them: a match took 60 s and 3.3 GB because of a fan of 10,000 corners. Ears, shortest cut first, share the corners
-# out, and take 40 microseconds each.
+# Corners of the largest face that may become a fan. The triangles of a fan meet at one vertex, where searches compare
+# all pairs of them: a fan of 10,000 corners made a match take 60 s and 3.3 GB. Ears, shortest cut first, share the
+# corners out, and take 40 microseconds each.
 MAX_FAN = 256
 
 

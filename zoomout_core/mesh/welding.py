@@ -19,9 +19,9 @@ CROWDED = 16
 def weld(vertices: Floats, triangles: Integers, sides: Sides) -> Integers:
     """(n,) the vertex that replaces each of vertices (n, 3): the first of its group.
 
-    Coincident borders are welded, and parts that coincide wholly with others, triangle by triangle, such as the other
-    sides of thin objects and forgotten copies. Elsewhere a surface may touch itself. Vertices closer than the tolerance
-    are welded, and so are chains of them. The result does not depend on the frame.
+    Coincident borders are welded. So are parts that coincide with others triangle by triangle, such as the back sides
+    of thin objects and forgotten copies. Elsewhere a surface may touch itself. Vertices closer than the tolerance are
+    welded, and so are chains of them. The result does not depend on the frame.
     """
     used = np.zeros(len(vertices), dtype=bool)
     used[triangles] = True

@@ -212,7 +212,7 @@ def _component(vertices: Floats, triangles: Integers) -> Integers:
 
 
 def _flipped_triangles(vertices: Floats, triangles: Integers, sides: Sides) -> Booleans:
-    """(m,) which triangles to turn so that neighbours agree and normals point outwards."""
+    """(m,) which triangles to flip so that neighbours agree and normals point outwards."""
     side, first = sides
     m, count = len(triangles), np.diff(first)
     pair = first[:-1][count == 2]  # only manifold edges propagate an orientation
@@ -230,11 +230,11 @@ def _flipped_triangles(vertices: Floats, triangles: Integers, sides: Sides) -> B
 
 
 def _agreeing(m: int, left: Indices, right: Indices, agree: Booleans) -> tuple[Booleans, Indices]:
-    """(m,) which of m triangles to turn so that neighbours wind alike, and (m,) the number of each one's patch.
+    """(m,) which of m triangles to flip so that neighbours wind alike, and (m,) the number of each one's patch.
 
-    The triangles `left` and `right` (e,) are neighbours, which may wind alike already (e,): those that do form pieces.
-    Uses the orientation double cover of these, which has each piece twice, kept and turned. Neighbours that disagree
-    are joined crosswise. A sheet that contains one copy of each piece is a consistent winding.
+    The triangles `left` and `right` (e,) are neighbours, which may already have the same winding (e,). Triangles that
+    do form pieces. The orientation double cover has each piece twice, kept and flipped. Neighbours that disagree are
+    joined crosswise. A sheet that contains one copy of each piece is a consistent winding.
     """
     piece = components(np.stack([left[agree], right[agree]], axis=1), m)
     size = np.bincount(piece)

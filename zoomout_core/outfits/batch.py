@@ -47,7 +47,7 @@ class DressedFile(NamedTuple):
 
 
 class AvatarFiles(Protocol):
-    """Reads, dresses and writes avatars in files of some formats; its `repr` tells how."""
+    """Reads, dresses and writes avatars in files of some formats; its `repr` includes the settings."""
 
     @property
     def force(self) -> bool:

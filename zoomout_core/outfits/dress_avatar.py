@@ -13,11 +13,12 @@ from scipy.sparse import csr_array
 from zoomout_core.arrays import Floats
 from zoomout_core.assets.asset import NORMALS, SHAPE_KEYS, Asset
 from zoomout_core.assets.gltf.append import NewJoint
+from zoomout_core.assets.gltf.springs import Partner
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import unit_vectors
 from zoomout_core.messages import warning
 from zoomout_core.outfits.parts import mask_of
-from zoomout_core.outfits.skeleton import Fit, bind_clothes, move_skinned
+from zoomout_core.outfits.skeleton import Fit, align_avatars, bind_clothes, move_skinned
 from zoomout_core.runtime.progress import portion
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 from zoomout_core.transfer.dressing.body_keys import follow_keys
@@ -40,13 +41,13 @@ class DressedAvatar:
         clothes: with the places, keys and skin that they have there. The nodes of the skin are those of the avatar's
             document, and then the new joints.
         joints: the outfit's own joints, for the avatar's document.
-        partners: the avatar's node for nodes of the outfit's other joints.
+        partners: the avatar's node for the other nodes of the outfit.
         notes: sentences for the user.
     """
 
     clothes: Asset
     joints: tuple[NewJoint, ...]
-    partners: Mapping[int, int]
+    partners: Mapping[int, Partner]
     notes: tuple[str, ...]
 
 
@@ -75,6 +76,7 @@ def dress_avatar(
     masks = np.split(mask_of(worn, keep), np.cumsum([len(each.vertices) for each in objects])[:-1])
     unknown = [pattern for pattern in keep if not mask_of(worn, [pattern]).any()]
     with portion(0, FITTED):
+        shape = align_avatars(shape, source, target)
         dressed = carry(source.surface, shape, target.surface, objects, keep=masks, stiffness=stiffness, gap=gap)
     bound = bind_clothes(_place(worn, dressed), Fit(source, shape, objects, dressed.vertices, masks), target)
     with portion(FITTED, CLEARED):

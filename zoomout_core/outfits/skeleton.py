@@ -17,17 +17,19 @@ from scipy.sparse import csr_array, vstack
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.assets.asset import Asset, Skin, to_rest
 from zoomout_core.assets.gltf.append import NewJoint
-from zoomout_core.assets.gltf.avatars import read_avatar
+from zoomout_core.assets.gltf.springs import Partner
+from zoomout_core.assets.skeletons import make_unique, skeleton_of
 from zoomout_core.geometry.closest_points import closest_points
-from zoomout_core.geometry.procrustes import nearest_rotations
+from zoomout_core.geometry.procrustes import Similarities, nearest_rotations
 from zoomout_core.maps.surface_map import interpolation_matrix
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.messages import message, warning
 from zoomout_core.transfer.dressing.body_weights import WeightedBody, follow_weights
-from zoomout_core.transfer.rigging.bone_pairs import Skeleton, pair_bones
-from zoomout_core.transfer.rigging.joints import move_joints
+from zoomout_core.transfer.dressing.joint_alignment import JointPairs, align_joints
+from zoomout_core.transfer.rigging.bone_pairs import pair_bones
+from zoomout_core.transfer.rigging.joints import motions_around, move_joints
 from zoomout_core.transfer.rigging.poses import parents_first
-from zoomout_core.transfer.rigging.skinning import normalise, renumber_bones
+from zoomout_core.transfer.rigging.skinning import matrices_of, normalise, renumber_bones
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,13 +39,13 @@ class BoundClothes:
     Attributes:
         clothes: the clothes.
         joints: the outfit's own joints, to be added to the avatar's document.
-        partners: the avatar's node for nodes of the outfit's other joints.
+        partners: the avatar's node for the other nodes of the outfit: that of the nearest joint at or above each.
         notes: sentences for the user.
     """
 
     clothes: Asset
     joints: tuple[NewJoint, ...] = ()
-    partners: Mapping[int, int] = field(default_factory=dict)
+    partners: Mapping[int, Partner] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
 
@@ -97,8 +99,25 @@ def bind_clothes(clothes: Asset, fit: Fit, target: Asset) -> BoundClothes:
         )
     columns = _columns(clothes.skin, target.skin, pairs, numbers)
     skin = _make_skin(clothes, fit, target, joints, numbers, anchors, columns)
-    nodes = {int(clothes.skin.nodes[joint]): int(target.skin.nodes[other]) for joint, other in pairs.items()}
-    return BoundClothes(replace(clothes, skin=skin), joints, nodes, tuple(notes))
+    return BoundClothes(replace(clothes, skin=skin), joints, _partners(clothes, fit, target, pairs), tuple(notes))
+
+
+def align_avatars(shape: Floats, source: Asset, target: Asset) -> Floats:
+    """(n, 3) the shape of one avatar's body, aligned with the joints of another one, see `align_joints`.
+
+    Args:
+        shape: (n, 3) its vertices in the shape of the other body.
+        source: the body of the first avatar.
+        target: that of the other one.
+    """
+    if source.skin is None or target.skin is None or source.document is None or target.document is None:
+        return shape
+    bones, others = (
+        skeleton_of(asset, np.flatnonzero(_moving(asset.skin)), _heads(asset))  # type: ignore[arg-type]
+        for asset in (source, target)
+    )
+    weights = csr_array(source.skin.weights[:, np.flatnonzero(_moving(source.skin))])
+    return align_joints(source.surface, shape, target.surface, JointPairs.of(bones, weights, others))
 
 
 def move_skinned(clothes: Asset, skin: Skin | None) -> Asset:
@@ -133,23 +152,15 @@ def _pair_joints(clothes: Asset, own: Booleans, fit: Fit, target: Asset) -> dict
     heads = move_joints(fit.body.surface, fit.shape, _heads(clothes)).positions
     sides = [(clothes, ~own, heads), (target, _moving(target.skin), _heads(target))]  # type: ignore[arg-type]
     chosen = [np.flatnonzero(kept) for _, kept, _ in sides]
-    bones, others = (_skeleton(asset, joints, places) for (asset, _, places), joints in zip(sides, chosen, strict=True))
+    bones, others = (
+        skeleton_of(asset, joints, places) for (asset, _, places), joints in zip(sides, chosen, strict=True)
+    )
     pairs = pair_bones(bones, others, size)
     number, other = (
         dict(zip(skeleton.names, joints.tolist(), strict=True))
         for skeleton, joints in zip((bones, others), chosen, strict=True)
     )
     return {number[name]: other[pairs[name]] for name in pairs}
-
-
-def _skeleton(asset: Asset, joints: Integers, heads: Floats) -> Skeleton:
-    """Some joints of an asset; a parent that is none of them is left out."""
-    assert asset.skin is not None
-    number = {joint: new for new, joint in enumerate(joints.tolist())}
-    parents = np.array([number.get(above, -1) for above in asset.skin.parents[joints].tolist()], dtype=np.int64)
-    avatar = read_avatar(asset.document)
-    names = [asset.skin.names[joint] for joint in joints]
-    return Skeleton(names, parents, heads[joints], None if avatar is None else avatar.humanoid)
 
 
 def _heads(asset: Asset) -> Floats:
@@ -159,14 +170,39 @@ def _heads(asset: Asset) -> Floats:
     return asset.document.worlds()[0][asset.skin.nodes, :3, 3]
 
 
+def _partners(clothes: Asset, fit: Fit, target: Asset, pairs: Mapping[int, int]) -> dict[int, Partner]:
+    """The avatar's node for each node of the outfit's document that has a joint with a partner at or above it."""
+    skin, document = clothes.skin, clothes.document
+    assert skin is not None
+    assert document is not None
+    assert target.skin is not None
+    assert target.document is not None
+    (worlds, parent), of_target = document.worlds(), target.document.worlds()[0]
+    joint_of = {node: joint for joint, node in enumerate(skin.nodes.tolist())}
+    motions = _matrices(motions_around(fit.body.surface.vertices, fit.shape, worlds[:, :3, 3]))
+    found = {}
+    for node in range(len(worlds)):
+        other = _anchor(joint_of, pairs, node, parent)
+        if other >= 0:
+            number = int(target.skin.nodes[other])
+            found[node] = Partner(number, np.linalg.solve(of_target[number], motions[node] @ worlds[node]))
+    return found
+
+
+def _matrices(motions: Similarities) -> Floats:
+    """(j, 4, 4) similarities as matrices."""
+    rows = matrices_of(motions)
+    return np.concatenate([rows, np.tile([[0.0, 0, 0, 1]], (len(rows), 1, 1))], axis=1)
+
+
 def _copy_joints(
     clothes: Asset, own: Booleans, fit: Fit, target: Asset, pairs: Mapping[int, int]
 ) -> tuple[tuple[NewJoint, ...], dict[int, int], list[int]]:
     """Copy the outfit's own joints, with the nodes that hang from them, such as ends of chains.
 
     Returns:
-        The joints, the number of each copied node of the outfit's document, and the number in the avatar's skin of the
-        joint that each hangs from.
+        The joints, the number of each copied node in the outfit's document, and the number of its parent joint in the
+        avatar's skin.
     """
     skin, document = clothes.skin, clothes.document
     assert skin is not None
@@ -185,24 +221,27 @@ def _copy_joints(
             copied[node] = copied[int(parent[node])]
     nodes = list(copied)
     places, turned = worlds[nodes, :3, 3].reshape(-1, 3), nearest_rotations(worlds[nodes, :3, :3].reshape(-1, 3, 3))
+    moved = worlds[nodes].reshape(-1, 4, 4)
     for number, (before, after) in enumerate(zip(fit.objects, fit.fitted, strict=True)):
         chosen = np.flatnonzero([wearer[copied[node]] == number for node in nodes])
-        joints = move_joints(before, after, places[chosen])
-        places[chosen], turned[chosen] = joints.positions, joints.rotations @ turned[chosen]
+        motions = motions_around(before.vertices, after, places[chosen])
+        moved[chosen] = _matrices(motions) @ moved[chosen]
+        places[chosen], turned[chosen] = moved[chosen, :3, 3], motions.rotation @ turned[chosen]
     first, of_target = len(target.document.gltf.nodes), target.document.worlds()[0]
     made, numbers, anchors, world = list[NewJoint](), dict[int, int](), list[int](), dict[int, Floats]()
     taken = {each.name for each in target.document.gltf.nodes}
-    for place, rotation, node in zip(places, turned, nodes, strict=True):
+    for place, rotation, exact, node in zip(places, turned, moved, nodes, strict=True):
         above = int(parent[node])
         if above in numbers:
             anchor, parent_node, parent_world = anchors[numbers[above] - first], numbers[above], world[above]
         else:
-            anchor = _anchor(joint_of, pairs, above, parent)
+            anchor = max(_anchor(joint_of, pairs, above, parent), 0)
             parent_node = int(target.skin.nodes[anchor])
             parent_world = of_target[parent_node]
         world[node] = np.block([[rotation, place[:, None]], [np.zeros((1, 3)), np.ones((1, 1))]])
-        name = _make_unique(document.gltf.nodes[node].name or f"Joint {node}", taken)
-        made.append(NewJoint(name, parent_node, np.linalg.solve(parent_world, world[node]), node))
+        name = make_unique(document.gltf.nodes[node].name or f"Joint {node}", taken)
+        axes = np.linalg.solve(world[node], exact)
+        made.append(NewJoint(name, parent_node, np.linalg.solve(parent_world, world[node]), node, axes))
         numbers[node] = first + len(anchors)
         anchors.append(anchor)
     return tuple(made), numbers, anchors
@@ -224,22 +263,12 @@ def _wearers(clothes: Asset, own: Booleans) -> dict[int, int]:
 
 
 def _anchor(joint_of: Mapping[int, int], pairs: Mapping[int, int], node: int, parent: Integers) -> int:
-    """The partner of the nearest joint among a node and those above it that has one; 0 without one."""
+    """The partner of the nearest joint among a node and those above it that has one; -1 without one."""
     while node >= 0:
         if joint_of.get(node, -1) in pairs:
             return pairs[joint_of[node]]
         node = int(parent[node])
-    return 0
-
-
-def _make_unique(name: str, taken: set[str]) -> str:
-    """A name that is not taken; it is taken afterwards."""
-    found, copy = name, 1
-    while found in taken:
-        copy += 1
-        found = f"{name} {copy}"
-    taken.add(found)
-    return found
+    return -1
 
 
 def _columns(skin: Skin, of_target: Skin, pairs: Mapping[int, int], numbers: Mapping[int, int]) -> Integers:

@@ -43,7 +43,7 @@ def write_arrays(path: str | os.PathLike[str], arrays: Mapping[str, Any], compre
 def read_arrays(
     path: str | os.PathLike[str], names: Sequence[str] = (), max_bytes: int = MAX_BYTES
 ) -> dict[str, np.ndarray[Any, Any]]:
-    """Read some arrays of an .npz file, as far as it has them, or all.
+    """Read all arrays of an .npz file, or some of them; missing ones are left out.
 
     Sizes are checked before anything is read: those in the headers, and those of the decompressed content.
 

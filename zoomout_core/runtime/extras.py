@@ -5,5 +5,5 @@ from __future__ import annotations
 
 
 def install_hint(extra: str) -> str:
-    """The command that installs the packages of an extra; the project is on no package index yet."""
+    """The command that installs the packages of an extra. The project is not on a package index yet."""
     return f"in the checkout, pip install '.[{extra}]'"

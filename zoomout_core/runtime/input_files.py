@@ -11,8 +11,8 @@ from pathlib import Path, PureWindowsPath
 from typing import IO, BinaryIO
 from zipfile import ZIP_DEFLATED, ZIP_STORED, ZipFile, ZipInfo
 
-# Compressed data may expand to this many times its size, or to the bytes in the second constant if these are more, but
-# never beyond the third one. Deflated meshes and maps shrink to a third or a twentieth of their size; 1000 times is
+# Compressed data may expand to this many times its size, or to the bytes in the second constant if that is more, but
+# never beyond the third. Deflated meshes and maps shrink to a third or a twentieth of their size; 1000 times is
 # possible.
 MAX_EXPANSION, ALWAYS_ALLOWED, MAX_BYTES = 100, 1 << 25, 1 << 31
 
@@ -97,7 +97,7 @@ def beside(name: str, folder: Path, folders: Iterable[str | os.PathLike[str]] = 
 
 
 def reason_of(error: Exception) -> str:
-    """Why a file cannot be read, as a part of a sentence; errors of libraries speak of their own insides."""
+    """Why a file cannot be read, as a part of a sentence; errors of libraries describe their own internals."""
     return str(error) if isinstance(error, FormatError) else "its content is damaged, or of another format"
 
 

@@ -48,7 +48,7 @@ def save_object(path: str | PathLike[str], value: object, classes: Classes) -> N
 
 
 def load_object(path: str | PathLike[str], classes: Classes) -> Any:
-    """Read an object that `save_object` has written, of these classes alone.
+    """Read an object that `save_object` wrote; only these classes are accepted.
 
     Raises:
         FileNotFoundError: the file is missing.

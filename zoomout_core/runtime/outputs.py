@@ -37,8 +37,8 @@ def check_output(
     """Check, before the work begins, that a file can be written and, unless `in_place`, is none of its inputs.
 
     Raises:
-        OutputError: its folder is missing or cannot be written to, as on a full disk, it is a folder, it is one of
-            the inputs, or no file can have its name.
+        OutputError: its folder is missing or cannot be written to, such as on a full disk; or the file is a folder, is
+            one of the inputs, or has an invalid name.
     """
     path = Path(output)
     _check_name(path)

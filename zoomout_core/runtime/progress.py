@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Ambient progress: a computation reports how far it is, and whoever listens may cancel it.
+"""Ambient progress: a computation reports its progress, and any listener may cancel it.
 
 The current reporter is a context variable, so no function has to pass it on. Threads of the core run in a copy of the
 context (`runtime/threads.py`).
@@ -164,7 +164,7 @@ def progress(listener: Callable[[Progress], object]) -> Iterator[None]:
 
 
 def listening(listener: Callable[[Progress], object] | None) -> AbstractContextManager[None]:
-    """`progress`, or nothing where there is no listener.
+    """`progress`, or a context that does nothing if there is no listener.
 
     Raises:
         TypeError: it cannot be called.
@@ -175,7 +175,7 @@ def listening(listener: Callable[[Progress], object] | None) -> AbstractContextM
 
 
 class Strands:
-    """The progress of `count` computations side by side: that of the whole is the mean of theirs."""
+    """The progress of `count` parallel computations. The progress of the whole is their mean."""
 
     def __init__(self, count: int) -> None:
         self._outer, self._lock = _report.get(), Lock()

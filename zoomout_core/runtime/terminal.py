@@ -13,7 +13,7 @@ ACTING = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u200e\u200f\u2028-\u20
 
 
 def print_any_character() -> None:
-    """Print characters that the standard output cannot show, as in a terminal of Windows, or obeys, as numbers.
+    """Print characters as numbers if the standard output cannot show them, such as on Windows, or would obey them.
 
     A standard error that is closed discards what is printed.
     """

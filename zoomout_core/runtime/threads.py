@@ -37,7 +37,7 @@ VARIABLE = "ZOOMOUT_THREADS"
 
 
 class _Cores:
-    """Limits how many threads work at a time; one that waits for others lends them its core."""
+    """Limits how many threads work at a time. A thread that waits for others lends them its core."""
 
     def __init__(self, count: int) -> None:
         self.count = count

@@ -11,8 +11,8 @@ from zoomout_core.arrays import Floats
 def bend_along_arc(across: Floats, angle: Floats, radius: float, middle: float = 0.0) -> tuple[Floats, Floats]:
     """Bend points as a straight line becomes an arc of constant curvature; cross sections stay plane.
 
-    The points (n,) across the line, in the direction of the arc's centre, are in sections at angles (n,), in radians
-    from the start of the arc; the line itself is at `middle`.
+    Each point is given by its distance (n,) from the line towards the arc's centre, and by the angle (n,) of its
+    section, in radians from the start of the arc. The line itself is at `middle`.
 
     Returns:
         (n,) coordinates along the line's first direction, from the start of the arc, and (n,) across it.

@@ -136,7 +136,7 @@ def _cone(points: Floats, start: Floats, end: Floats) -> Floats:
 
 
 def _occupancy(cell: float, solids: Sequence[Solid], space: Floats) -> tuple[Booleans, Floats]:
-    """Which points of a fine grid lie inside the solids, and the position of the first point.
+    """Which points of a fine grid are inside the solids, and the position of the first point.
 
     Distances are computed on a coarse grid first. Distances of fine points are computed only near the surface; the
     others take the side of the nearest coarse point.

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.sparse import csc_array, csr_array
 
-from zoomout_core.arrays import Floats, Integers, check_counts, take_rows
+from zoomout_core.arrays import Floats, Integers, check_counts
 from zoomout_core.mesh.surface import vertex_numbers
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.spectral.eigenbasis import SpectralBasis, check_size
@@ -176,22 +176,28 @@ def signature_bands(basis: SpectralBasis, count: int, k: int) -> Floats:
 
 
 def unit_columns(functions: Floats, norms: Floats) -> Floats:
-    """Divide functions (n, d) by their norms (d,); functions of rounding errors, as on a sphere, become zero."""
+    """Divide functions (n, d) by their norms (d,); rounding errors, such as on a sphere, become zero."""
     return np.divide(functions, norms, out=np.zeros_like(functions), where=norms > NOTHING)
 
 
 def pseudo_scalar_signatures(mesh: WorkingMesh, areas: Floats, bands: Floats) -> Floats:
     """(n, d) pseudo-scalars of all pairs of signature bands (n, b) that are not neighbours."""
-    i, j = np.triu_indices(bands.shape[1], k=2)
-    return pseudo_scalars(mesh, areas, bands[:, i], bands[:, j])
+    return pseudo_scalars(mesh, areas, bands, *np.triu_indices(bands.shape[1], k=2))
 
 
-def pseudo_scalars(mesh: WorkingMesh, areas: Floats, f: Floats, g: Floats) -> Floats:
-    """(n, d) pseudo-scalars <n, grad f x grad g> of pairs of functions (n, d), averaged to vertices of areas (n,)."""
-    f_a, f_b, f_c = (take_rows(f, corner) for corner in mesh.oriented_triangles.T)
-    g_a, g_b, g_c = (take_rows(g, corner) for corner in mesh.oriented_triangles.T)
-    wedge = ((f_b - f_a) * (g_c - g_a) - (f_c - f_a) * (g_b - g_a)) / 6
-    return sum_at_vertices(mesh.triangles, wedge, len(areas)) / areas[:, None]
+def pseudo_scalars(mesh: WorkingMesh, areas: Floats, functions: Floats, first: Integers, second: Integers) -> Floats:
+    """(n, d) pseudo-scalars <n, grad f x grad g> of pairs of functions, averaged to vertices of areas (n,).
+
+    The pairs (d,) are numbers of columns of the functions (n, c).
+    """
+    columns = np.ascontiguousarray(functions.T)
+    a, b, c = (columns.take(corner, axis=1) for corner in mesh.oriented_triangles.T)
+    along, across = b - a, c - a
+    at_vertex = _at_vertex(mesh.triangles, len(areas))
+    found = np.empty((len(areas), len(first)))
+    for number, (f, g) in enumerate(zip(first, second, strict=True)):  # one after the other, they fit into the cache
+        found[:, number] = at_vertex @ ((along[f] * across[g] - across[f] * along[g]) / 6)
+    return found / areas[:, None]
 
 
 def mean_curvature(mesh: WorkingMesh, stiffness: csc_array, areas: Floats) -> Floats:
@@ -202,6 +208,10 @@ def mean_curvature(mesh: WorkingMesh, stiffness: csc_array, areas: Floats) -> Fl
 
 def sum_at_vertices(triangles: Integers, values: Floats, n: int) -> Floats:
     """(n, d) sum of the triangles' values (m, d) at each vertex."""
+    return np.asarray(_at_vertex(triangles, n) @ values)
+
+
+def _at_vertex(triangles: Integers, n: int) -> csr_array:
+    """(n, m) matrix that sums values of triangles (m, 3) at vertices."""
     m = len(triangles)
-    at_vertex = csr_array((np.ones(3 * m), (triangles.ravel(), np.repeat(np.arange(m), 3))), shape=(n, m))
-    return np.asarray(at_vertex @ values)
+    return csr_array((np.ones(3 * m), (triangles.ravel(), np.repeat(np.arange(m), 3))), shape=(n, m))

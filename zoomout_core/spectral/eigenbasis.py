@@ -2,8 +2,8 @@
 """The first eigenfunctions of the Laplacian: W phi = lambda A phi with Phi' A Phi = I, at unit area.
 
 Block Lanczos on the shift-inverted, symmetric operator A^1/2 (W + sigma A)^-1 A^1/2 with full reorthogonalisation
-(Grimes, Lewis and Simon 1994): a block of right-hand sides costs the sparse solver about half as much per column as
-single ones, and finds repeated eigenvalues that a single vector misses.
+(Grimes, Lewis and Simon 1994). In blocks, the sparse solver takes about half as long for each right-hand side, and
+repeated eigenvalues are found that a single vector misses.
 """
 
 from __future__ import annotations

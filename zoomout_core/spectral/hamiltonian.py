@@ -24,13 +24,13 @@ def hamiltonian_basis(
 ) -> SpectralBasis:
     """Compute the first `k` eigenfunctions of a Hamiltonian, which are concentrated where the potential is low.
 
-    The potential is scaled by tau, a multiple of the k-th eigenvalue of a surface as large as the part where it is low:
-    4 pi k divided by that part's area (Weyl's law). Functions decay in the rest over a length of about one over the
-    square root of tau. With a potential of zero this is the `eigenbasis`.
+    The potential is scaled by tau, a multiple of 4 pi k / A, where A is the area of the part with a low potential. By
+    Weyl's law this is the k-th eigenvalue of a surface of that area. Functions decay in the rest over a length of about
+    one over the square root of tau. With a potential of zero this is the `eigenbasis`.
 
     For a part and its whole, give the whole a potential outside of the part's region, and use `zoomout` with equal
-    sizes. The region must be known: if it lacks some of the part, or much of it is not in the part, maps are worse than
-    by plain bases with `slanted_sizes`, which need no region.
+    sizes. The region must be known. If it misses some of the part, or includes much else, maps are worse than those of
+    plain bases with `slanted_sizes`, which need no region.
 
     Args:
         shape: what to analyse.

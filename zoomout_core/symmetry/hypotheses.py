@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Hypotheses for symmetries: pairings of extremities, descriptors, and blocks of eigenfunctions.
 
-A symmetry is a map of a shape onto itself, so the hypotheses for maps between shapes apply here too, to find
+A symmetry is a map of a shape onto itself, so the hypotheses for maps between shapes apply here, too. They find
 reflections, and maps that keep the orientation but are not the identity. Round objects and tables have repeated
 eigenvalues and need a separate search. A symmetry maps every eigenspace to itself: by a sign in one dimension, by any
 rotation or reflection in two. The tree of such choices is pruned as it grows, in the spirit of MapTree (Ren, Melzi,

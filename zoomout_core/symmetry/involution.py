@@ -17,8 +17,8 @@ NORMAL_WEIGHT = 0.1
 AVERAGING_ITERATIONS = 2
 # Highest recognised order of a symmetry.
 MAX_ORDER = 12
-# Repetitions of a map have returned if the mean distance to the start is below this, at unit area, or below this
-# fraction of the first step, since coarse meshes return less exactly.
+# A repeated map has returned if the mean distance to the start is below the first number, at unit area, or below the
+# second number times the first step: coarse meshes return less exactly.
 RETURN_DISTANCE = 0.08
 RETURN_FRACTION = 0.25
 

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Mirror attributes across a symmetry, make them symmetric, and measure their asymmetry.
 
-The other side of a vertex is its image under the symmetry, so values are transferred like from a source to a target, by
-the same rules (`zoomout_core.transfer`). Data with a side in its name, such as the weights of Arm.L, is swapped with
-its partner.
+The partner of a vertex is its image under the symmetry, so values are transferred as from a source to a target, by the
+same rules (`zoomout_core.transfer`). Data with a side in its name, such as the weights of Arm.L, is swapped with its
+partner.
 """
 
 from __future__ import annotations
@@ -53,8 +53,8 @@ def symmetrise(
         attribute: an attribute of the symmetry's surface, as for `mirror`.
         symmetry: a symmetry of the surface.
         direction: "left_to_right" or "right_to_left": one side is copied to the other. "exchange": the sides are
-            swapped. "average": both become their mean; for binary data, such as a selection, the union, and for marks
-            the stronger ones.
+            swapped. "average": both become their mean. Binary data, such as a selection, becomes the union, and marks
+            the stronger one.
         options: options of the attribute's kind, as for `transfer`.
 
     Raises:

@@ -40,9 +40,9 @@ class CriterionTuning(Tuning, set_by="symmetry"):
         curvature: weight of one minus the correlation of curvatures.
         min_curvature: minimum of this difference.
         handedness: weight of the correlation of pseudo-scalars.
-        moved: weight of the logarithm of the mean distance that a map moves points. Errors of points that move little
-            are small, so this compensates for them: a map that leaves the arms in place and exchanges only the legs has
-            smaller errors than the right one.
+        moved: weight of the logarithm of the mean distance that a map moves points. Points that move little have small
+            errors, and this compensates for it. Otherwise, a map that leaves the arms in place and exchanges only the
+            legs would have smaller errors than the right one.
         turn: how much better rotations have to score than reflections, because living things rarely have rotational
             symmetry.
     """

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The two sides of a mirror symmetry, and the line between them.
 
-Every place left of the line is closer to any other place on the left than to that place's mirror image: a path that
-crosses the line can be reflected behind it without getting longer. So differences of geodesic distances distinguish the
-sides, and change sign on the line.
+Every place left of the line is closer to any other place on the left than to that place's mirror image, because the
+part of a path beyond the line can be reflected without making it longer. So differences of geodesic distances
+distinguish the sides, and change sign on the line.
 """
 
 from __future__ import annotations
@@ -60,8 +60,8 @@ def signed_distance(there: SurfaceMap, shape: ShapeAnalysis) -> Floats | None:
     """(n,) distance along the surface of each vertex from the line of a mirror symmetry, positive on one side.
 
     The symmetry is a map of the shape's mesh, and distances are at unit area. Near the line they are half the distance
-    between a vertex and its image; farther away than about a tenth of the root of the area they are about constant.
-    None if the symmetry does not divide the surface in two.
+    between a vertex and its image. Beyond about a tenth of the square root of the area they are about constant. None if
+    the symmetry does not divide the surface in two.
     """
     here = shape.distances.T
     images = there.interpolate(here)
@@ -129,7 +129,7 @@ def _of_shells(around: Floats, surface_map: SurfaceMap, surface: Surface) -> Flo
 def leftward(distance: Floats, surface_map: SurfaceMap, surface: Surface, left: Floats) -> float:
     """How consistently places on the positive side are left of their images: from 1, always, to -1, always right.
 
-    The signed distance (n,) from the line tells the sides apart; `left` (3,) is a unit vector.
+    The sign of the distance (n,) from the line distinguishes the sides; `left` (3,) is a unit vector.
     """
     mass = surface.vertex_areas
     used = mass > 0

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Mirror UV maps across a symmetry: one side takes the other's layout, beside it or over it.
 
-The layout of the losing side is read from the winning one through the symmetry, so both overlap. To get its own texels,
-each piece is then moved to the earlier place of its faces in the atlas, by the best similarity (Umeyama 1991), mirrored
-or not. An island that crosses the symmetry line is not torn: corners shared with the winning side stay in place.
+The layout of the losing side is read from the winning one through the symmetry, so both overlap. Each piece is then
+moved to the previous place of its faces in the atlas by the best similarity (Umeyama 1991), mirrored or not, so that it
+has its own texels. An island that crosses the symmetry line is not torn: corners shared with the winning side stay in
+place.
 """
 
 from __future__ import annotations

@@ -7,6 +7,7 @@ from zoomout_core.transfer.dressing.body_keys import follow_keys
 from zoomout_core.transfer.dressing.body_weights import WeightedBody, follow_weights
 from zoomout_core.transfer.dressing.dress import Dressed, Manner, carry, clear_in_poses, dress, shape_of_source
 from zoomout_core.transfer.dressing.form import Lines
+from zoomout_core.transfer.dressing.joint_alignment import JointPairs, align_joints
 from zoomout_core.transfer.dressing.posed_contact import PosedBody
 from zoomout_core.transfer.rigging.bone_pairs import Skeleton, pair_bones
 from zoomout_core.transfer.rigging.joints import MovedJoints, move_joints
@@ -21,6 +22,7 @@ __all__ = [
     "Blend",
     "Domain",
     "Dressed",
+    "JointPairs",
     "Kind",
     "Lines",
     "Manner",
@@ -31,6 +33,7 @@ __all__ = [
     "Skeleton",
     "WeightedBody",
     "Wrapped",
+    "align_joints",
     "blend",
     "carry",
     "clear_in_poses",

@@ -13,7 +13,9 @@ from scipy.sparse import csr_array, diags_array
 
 from zoomout_core.arrays import Floats
 from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.triangles import unit_vectors
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind, is_nothing, mean_over_vertices
+from zoomout_core.transfer.normals import outward_normals
 from zoomout_core.transfer.rules import RULES
 
 Mode: TypeAlias = Literal["mix", "missing"]
@@ -55,7 +57,7 @@ def blend(
     Args:
         transferred: the attribute transferred to the target.
         present: the target's attribute of the same name, kind and domain; for weights, all its groups; None if it has
-            none, which counts as zeros.
+            none, which counts as zeros, or as the surface's normals.
         target: the surface that has them.
         how: how to blend them.
         sharing: names of the vertex groups that share a vertex, as deforming groups do.
@@ -70,12 +72,19 @@ def blend(
     if transferred.kind is Kind.WEIGHT:
         return replace(transferred, values=_blend_weights(transferred, present, amount, how.mode, set(sharing)))
     new = np.asarray(transferred.values)
-    old = np.zeros_like(new) if present is None else np.asarray(present.values)
+    if present is not None:
+        old = np.asarray(present.values)
+    elif transferred.kind is Kind.NORMAL and how.mode == "mix":
+        old = outward_normals(target, transferred.domain)
+    else:
+        old = np.zeros_like(new)
     amount = amount.reshape(-1, *[1] * (new.ndim - 1))
     if how.mode == "missing":
         is_key = transferred.kind is Kind.OFFSET
         missing = (old == 0).all(axis=(0, 2))[:, None] if is_key else is_nothing(old).reshape(amount.shape)
         amount = amount * missing
+    if transferred.kind is Kind.NORMAL:
+        return replace(transferred, values=_mix_normals(old, new, amount).astype(new.dtype))
     if RULES[transferred.kind].mixable:
         return replace(transferred, values=(old + amount * (new - old)).astype(new.dtype))
     return replace(transferred, values=np.where(amount > 0.5, new, old))
@@ -97,9 +106,15 @@ def mask_of(mask: ArrayLike | None, target: Surface) -> Floats:
 def _amounts(attribute: Attribute, target: Surface, how: Blend) -> Floats:
     """(count,) share of each transferred value; the corners of a face are chosen together."""
     mask = how.factor * mask_of(how.mask, target)
-    if attribute.domain is Domain.CORNER and RULES[attribute.kind].mixable:
+    if attribute.domain is Domain.CORNER and (attribute.kind is Kind.NORMAL or RULES[attribute.kind].mixable):
         return np.asarray(mask[target.corner_vertex])
     return mean_over_vertices(mask, attribute.domain, target)
+
+
+def _mix_normals(old: Floats, new: Floats, amount: Floats) -> Floats:
+    """(count, 3) unit normals between old ones and a share (count, 1) of new ones; of opposite ones, one is taken."""
+    mixed = unit_vectors(old + amount * (new - old))
+    return np.where(mixed.any(axis=1, keepdims=True), mixed, np.where(amount > 0.5, new, old))
 
 
 def _blend_weights(

@@ -32,8 +32,8 @@ RIM = 1e-9
 MAX_FACES_AT_EDGE = 8
 # Points processed together, so that the arrays fit into a processor's cache, and pairs of a point and a triangle.
 BLOCK, PAIRS = 1 << 14, 1 << 18
-# Cosine of the angle between the normals of a triangle and of its vertex, below which walks also search around a
-# closest point: a steep or folded triangle hides others from the points above it.
+# Cosine of the angle between the normals of a triangle and of its vertex below which walks also search around a closest
+# point. A steep or folded triangle hides others from the points above it.
 MIN_NORMAL_COSINE = 0.5
 
 
@@ -70,7 +70,7 @@ class CutSurface:
 
     @cached_property
     def _folded(self) -> Booleans:
-        """(m,) whether triangles around a triangle are steep or folded, like slivers, seen from its corners."""
+        """(m,) whether triangles around one are steep or folded, like slivers, seen along the corners' normals."""
         vertex = self._vertices.ravel()
         normal = np.repeat(triangle_normals(self.surface.vertices, self.surface.triangles), 3, axis=0)
         sums = segment_sum(normal, vertex)
@@ -171,7 +171,7 @@ def _dot(first: Floats, second: Floats) -> Floats:
 
 
 def adjacent_edges(surface: Surface) -> tuple[Integers, Integers]:
-    """Find where faces meet: (e, 2) corners of one face and (e, 2) of the other at both ends of each common edge.
+    """Find common edges of faces: (e, 2) corners of one face and (e, 2) of the other at both ends of each edge.
 
     Each pair of faces at an edge occurs once. Borders that coincide in space are one edge, even if the mesh's vertices
     are split.

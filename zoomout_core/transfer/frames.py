@@ -20,6 +20,7 @@ from scipy.spatial.transform import Rotation
 from zoomout_core.arrays import Booleans, Floats, Integers, segment_sum
 from zoomout_core.geometry.procrustes import MIN_SPREAD, Moments, nearest_rotations, products
 from zoomout_core.geometry.screened_smoothing import ScreenedSmoothing
+from zoomout_core.mesh.triangles import vertex_areas
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.runtime.once import once_per_argument
 from zoomout_core.spectral.laplacian import mesh_laplacian
@@ -34,11 +35,11 @@ class FrameTuning(Tuning, set_by="transfer"):
 
     Attributes:
         smoothing_length: width of the neighbourhoods, about a wrist. With half or twice the width, errors of keys on
-            posed characters grow by a fifth to a quarter, because noise remains or bones are mixed.
-        growth_rounds: rounds of averaging for the growth, which is so a mean over twice as wide neighbourhoods: a bend
-            stretches the skin on one side and compresses it on the other, without any growth of the flesh.
-        excess: the deviation of a map from the similarity of a wide neighbourhood, as a multiple of its deviation from
-            those of narrow ones, from which on the wide neighbourhood does not count in `steady_turns`.
+            posed characters grow by a fifth to a quarter: noise remains, or bones are mixed.
+        growth_rounds: rounds of averaging for the growth, which make it a mean over neighbourhoods twice as wide. A
+            bend stretches the skin on one side and compresses it on the other, although the flesh does not grow.
+        excess: if a map deviates from the similarity of a wide neighbourhood by more than this multiple of its
+            deviation from those of narrow ones, `steady_turns` ignores the wide neighbourhood.
         deviation: the same as a share of the size of the neighbourhood. Both were set on heads (`faces`) and posed
             bodies.
         same_direction: rotation between two shapes up to which they face the same way, see `without_small_turn`. Shapes
@@ -69,11 +70,11 @@ MIN_TRUST = 1e-6
 DOUBTED_WEIGHT = 1e-3
 # Maximum growth of the target at a place relative to the mean, and by its inverse the minimum; beyond it is noise.
 MAX_RELATIVE_GROWTH = 4.0
-# Multiple of the angle up to which shapes face the same way, from which on they do not; the same of the logarithm of a
-# ratio up to which they are of similar size, and of the deviation up to which one is a copy of the other.
+# Each limit is followed by a gradual transition. These are the multiples of the limits at which it ends: of the angle
+# between shapes that face the same way, of the logarithm of the ratio of similar sizes, and of the deviation of a copy.
 OTHER_DIRECTION = OTHER_SIZE = 1.5
 OTHER_SHAPE = 2.0
-# A wide neighbourhood counts in full up to this share of the deviation from which on it does not count.
+# A wide neighbourhood counts in full up to this share of the deviation above which it is ignored.
 FULL_SHARE = 2 / 3
 
 
@@ -101,7 +102,7 @@ class Frames:
 
     @cached_property
     def doubted_stiffness(self) -> csc_array:
-        """(n, n) remaining stiffness, of edges without trust, for filling in."""
+        """(n, n) the remaining stiffness, of edges without trust, which fills in values."""
         return DOUBTED_WEIGHT * (self.stiffness - self.trusted_stiffness)
 
     @cached_property
@@ -134,10 +135,11 @@ class Frames:
         """(n, 3, 3) `turns`, or those of wider neighbourhoods where the map deviates from these by noise only.
 
         On another head, the differential of a map varies with the map's errors and the shapes of features, which must
-        not rotate expressions. In another pose, it varies across joints and hardly within a bone. So the similarity
-        that fits a wide neighbourhood best counts where the map deviates from it by little, and by hardly more than
-        from those that fit narrow neighbourhoods; then that of all vertices does, where the same holds for it, without
-        a small turn.
+        not rotate expressions. In another pose, it varies across joints and hardly within a bone. So the best
+        similarity of a wide neighbourhood is used where the map deviates little from it, and hardly more than from
+        those of narrow neighbourhoods. Where the same holds for the similarity of all vertices, that one is used,
+        without a small rotation. Parts that are smaller than a wide neighbourhood, such as eyelashes, rotate with what
+        is beside them.
         """
         size = np.sqrt(self.mapped.source.area) / self.mapped.target.working.scale
         moments, side = self._moments, self._handedness
@@ -156,7 +158,21 @@ class Frames:
             blend = blend + share[:, None, None] * (linear - blend)
         lengths = np.linalg.norm(blend, axis=(1, 2)) / np.sqrt(3)
         lengths = np.clip(lengths, 1 / MAX_RELATIVE_GROWTH, MAX_RELATIVE_GROWTH)
-        return lengths[:, None, None] / size * nearest_rotations(blend, side)
+        turns = lengths[:, None, None] / size * nearest_rotations(blend, side)
+        return np.asarray(turns[self._beside])
+
+    @cached_property
+    def _beside(self) -> Integers:
+        """(n,) the nearest vertex of a large part to each vertex of a small one, and otherwise the vertex itself."""
+        working = self.mapped.target.working
+        area = np.bincount(working.component, vertex_areas(working.vertices, working.triangles))
+        is_small = area[working.component[self.number]] < np.pi * (WIDE * FRAMES.smoothing_length) ** 2
+        large, small = np.flatnonzero(~is_small), np.flatnonzero(is_small)
+        beside = np.arange(len(self.number))
+        if len(large) and len(small):
+            places = working.vertices[self.number]
+            beside[small] = large[cKDTree(places[large]).query(places[small])[1]]
+        return beside
 
     @property
     def growth(self) -> float:
@@ -167,12 +183,12 @@ class Frames:
 
     @property
     def other_person(self) -> float:
-        """Whether source and target seem to be two persons, in [0, 1], whose expressions are equally long.
+        """Degree, in [0, 1], to which source and target seem to be two persons, whose expressions are equally long.
 
         Head models add the same offsets to small and large heads (Blanz and Vetter, A morphable model for the synthesis
         of 3D faces, 1999; Li et al., Learning a model of facial shape and expression from 4D scans, 2017). But an
-        enlarged copy of a head needs longer offsets to close its eyes, and a head of quite another size is in another
-        unit, or is a creature's.
+        enlarged copy of a head needs longer offsets to close its eyes. A head of a very different size is in another
+        unit, or belongs to a creature.
         """
         differs = (self._whole[1][0] / FRAMES.same_shape - 1) / (OTHER_SHAPE - 1)
         similar = (OTHER_SIZE - abs(np.log(self.growth)) / np.log(FRAMES.same_size)) / (OTHER_SIZE - 1)
@@ -187,7 +203,7 @@ class Frames:
 
     @cached_property
     def _whole(self) -> tuple[Floats, Floats]:
-        """(1, 3, 3) the best similarity of all vertices, and (1,) how far the map is from it; see `_similarities`."""
+        """(1, 3, 3) the best similarity of all vertices, and (1,) the map's deviation from it; see `_similarities`."""
         return _similarities(self.smoothing.weights[None] @ self._moments, self._side_of_most)
 
     @cached_property
@@ -221,7 +237,7 @@ class Frames:
     def _handedness(self) -> Floats:
         """(n,) -1 where a component is mapped as a mirror image, else 1.
 
-        Components without an outside, such as lashes, are as most of the others.
+        Components without an outside, such as lashes, take the value of most others.
         """
         source, target = self.mapped.source.working, self.mapped.target.working
         normals = source.component_sides_are_known[source.component, None] * source.vertex_normals
@@ -247,8 +263,9 @@ class Frames:
 def without_small_turn(linear: Floats) -> Floats:
     """A similarity's linear part (3, 3) without its rotation, if that is small.
 
-    Two characters stand upright and face forward in their files. The best similarity between their shapes still rotates
-    by some degrees, for foreheads recede and necks bend, and so would the directions of all expressions.
+    Two characters stand upright and face forward in their files. Still, the best similarity between their shapes
+    rotates by some degrees, because foreheads recede and necks bend. It would rotate the directions of all expressions,
+    too.
     """
     scale = np.cbrt(np.linalg.det(linear))
     if scale <= 0:  # a mirror image
@@ -260,7 +277,7 @@ def without_small_turn(linear: Floats) -> Floats:
 
 
 def _similarities(means: Floats, handedness: Floats) -> tuple[Floats, Floats]:
-    """(m, 3, 3) best similarities of neighbourhoods, and (m,) how far the map is from them.
+    """(m, 3, 3) best similarities of neighbourhoods, and (m,) deviations of the map from them.
 
     Takes the means (m, 18) of `products` of places and images, of the squares of images, and of ones. The deviation is
     a share of the neighbourhood's size.

@@ -29,7 +29,7 @@ def expand_ranges(start: Integers, end: Integers) -> tuple[Integers, Integers]:
 
 
 def find(keys: Integers, wanted: Integers) -> Integers:
-    """The places of wanted numbers, all zero or more, among rising keys (k,); -1 for those that are not there."""
+    """The positions of wanted numbers, all zero or more, among ascending keys (k,); -1 for missing ones."""
     place = np.searchsorted(keys, wanted)
     return np.where(np.append(keys, -2)[place] == wanted, place, -1)
 

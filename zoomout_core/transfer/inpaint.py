@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Fill in values where the map cannot be trusted, from their surroundings on the target.
 
-Abdrashitov, Raichstat, Monsen and Hill, Robust Skin Weights Transfer via Weight Inpainting (2023): the values w of the
-doubtful vertices minimise w' (-L + L M^-1 L) w, with the Laplacian L and the vertices' areas M, while values of trusted
-vertices are fixed. The second term continues them smoothly, the first limits overshoot. Both are computed at unit area,
-so that the result does not depend on units.
+Abdrashitov, Raichstat, Monsen and Hill, Robust Skin Weights Transfer via Weight Inpainting (2023). The values w of
+doubtful vertices minimise w' (-L + L M^-1 L) w, while those of trusted vertices are fixed. L is the Laplacian, and M
+has the areas of the vertices. The second term continues them smoothly, the first limits overshoot. Both are computed at
+unit area, so that the result does not depend on units.
 """
 
 from __future__ import annotations
@@ -54,9 +54,10 @@ class Filling:
     factor: SuperLU | None  # the factors of the remaining block, or None if u is zero
 
     def fill(self, values: Floats, following: bool = False) -> Floats:
-        """Fill in values (n, d) from those of trusted vertices, within their range; not at all if these are not finite.
+        """Fill in values (n, d) from those of trusted vertices, within their range.
 
-        Followers take the values of the vertices that they follow, or stay unchanged.
+        They are left if those of trusted vertices are not finite. Followers take the values of the vertices that they
+        follow, or stay unchanged.
         """
         known = self.merged @ values
         whole = values.copy()
@@ -153,7 +154,7 @@ def filling(surface: Surface, trusted: Booleans) -> Filling:
 
 
 def _system(working: WorkingMesh, known: Booleans, unknown: Booleans) -> tuple[csr_array, SuperLU | None]:
-    """The rows of the system at the unknown vertices: the block (u, k) of the known ones, and factors of the rest."""
+    """The rows of the system at unknown vertices: the block (u, k) for the known ones, and factors of the rest."""
     if not unknown.any():
         return csr_array((0, int(known.sum()))), None
     near = unknown.copy()

@@ -43,8 +43,8 @@ def mix_faces(attribute: Attribute, mapped: MappedTarget) -> Attribute:
 def mix_corners(attribute: Attribute, mapped: MappedTarget) -> Attribute:
     """Mix values (c, ...) at face corners, which jump where the source's values jump from face to face.
 
-    A corner takes the side of its face, and the nearest value on that side. Filled in values do not jump: they continue
-    the means of the corners at each vertex around them.
+    A corner takes the nearest value on the side of its face. Filled-in values do not jump: they continue the means of
+    the corners at each vertex around them.
     """
     picks = pick_corners(attribute, mapped)
     return _fill(attribute, mapped, picks.mix(_floats(attribute)), mapped.target.corner_vertex)
@@ -90,7 +90,7 @@ def elect_corners(attribute: Attribute, mapped: MappedTarget) -> Integers:
 def vote_faces(attribute: Attribute, mapped: MappedTarget) -> Attribute:
     """Vote on labels of faces by samples, weighted by area and confidence; in doubt borders are kept short.
 
-    Small islands of the source survive, and single faces beyond a border take the surrounding label.
+    Small islands of the source are kept, and single faces beyond a border take the surrounding label.
     """
     code, distinct = _encode(attribute)
     target, island = mapped.target, islands_of(mapped.source, code)

@@ -32,7 +32,7 @@ def islands_of(surface: Surface, label: Integers) -> Integers:
 
 
 def with_lost_islands(chosen: Integers, candidates: Candidates, island: Integers, target: Surface) -> Integers:
-    """The chosen candidates (f,), after giving each lost island the face that it covers best.
+    """The chosen candidates (f,), in which each lost island gets the face that it covers best.
 
     Args:
         chosen: the elected candidate of each face.

@@ -19,8 +19,8 @@ from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.picks import Picks
 from zoomout_core.transfer.uv.transfer_uv import pick_uv
 
-# Largest difference between a mixture and the transferred value, relative to the largest value: rounding in single
-# precision, in which programs store both, is a tenth of it.
+# Largest difference between a mixture and the transferred value, relative to the largest value. Programs store both in
+# single precision, whose rounding is a tenth of this.
 SAME_VALUE = 1e-6
 
 
@@ -41,7 +41,7 @@ def pick_elected_corners(attribute: Attribute, mapped: MappedTarget) -> Picks:
 
 
 def pick_elected_faces(attribute: Attribute, mapped: MappedTarget) -> Picks:
-    """The face of the source with the label of each face that covers most of it, or any where none covers it."""
+    """The face of the source that covers most of each face, among those with its label; any if none covers it."""
     samples = mapped.samples(np.arange(len(mapped.target.face_start) - 1))
     face = mapped.source.triangle_face[samples.triangle]
     labels, elected = np.asarray(attribute.values), np.asarray(vote_faces(attribute, mapped).values)

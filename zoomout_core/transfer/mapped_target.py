@@ -94,8 +94,9 @@ class MappedTarget:
     def locate(self, triangle: Integers, barycentric: Floats) -> tuple[Integers, Floats]:
         """Locate points (q, 3) of the target's triangles (q,) on the source: the images of the corners, mixed in space.
 
-        Unlike `SurfaceMap.at` this walks along the surface from the nearest corner's image, so it does not pass through
-        thin walls, and does not search the whole source. Returns triangles and barycentric coordinates of the source.
+        Unlike `SurfaceMap.at`, this walks along the surface from the image of the nearest corner. It does not pass
+        through thin walls, and does not search the whole source. Returns triangles and barycentric coordinates of the
+        source.
         """
         corners = self.target.triangles[triangle]
         nearest = corners[np.arange(len(corners)), np.argmax(barycentric, axis=1)]

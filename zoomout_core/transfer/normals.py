@@ -29,12 +29,12 @@ def turn_directions(attribute: Attribute, mapped: MappedTarget) -> Attribute:
 def turn_normals(attribute: Attribute, mapped: MappedTarget) -> Attribute:
     """Transfer unit normals (count, 3): directions that stay above the surface if they are above the source's.
 
-    The winding of the faces defines what is above.
+    The winding of the faces defines the upper side.
     """
     values = np.asarray(attribute.values, dtype=np.float64)
-    height = np.einsum("cx,cx->c", values, _outward(mapped.source, attribute.domain))
+    height = np.einsum("cx,cx->c", values, outward_normals(mapped.source, attribute.domain))
     turned, height = _turn(attribute, height, mapped)
-    normals, outward = unit_vectors(turned.values), _outward(mapped.target, attribute.domain)
+    normals, outward = unit_vectors(turned.values), outward_normals(mapped.target, attribute.domain)
     found = np.einsum("cx,cx->c", normals, outward)
     component = _components(mapped.target, attribute.domain)
     inside_out = (np.bincount(component, height * found) < 0)[component]
@@ -62,7 +62,7 @@ def _components(surface: Surface, domain: Domain) -> Integers:
     return at_corners if domain is Domain.CORNER else at_corners[surface.face_start[:-1]]
 
 
-def _outward(surface: Surface, domain: Domain) -> Floats:
+def outward_normals(surface: Surface, domain: Domain) -> Floats:
     """(count, 3) unit normals of the surface: of the vertices, also for corners, or of the faces."""
     vertices, triangles = surface.vertices, surface.triangles
     if domain is not Domain.FACE:

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Votes on values that cannot be mixed, and on the island that a face belongs to.
 
-If the samples of a face disagree, its neighbours influence the choice, which minimises the length of the border between
-faces that disagree (a Potts model, by iterated conditional modes: Besag, On the statistical analysis of dirty pictures,
-1986). Faces only take values that one of their own samples voted for.
+If the samples of a face disagree, its neighbours influence the choice: the length of the border between faces that
+disagree is minimised. This is a Potts model, solved by iterated conditional modes: Besag, On the statistical analysis
+of dirty pictures (1986). Faces only take values that one of their own samples voted for.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from zoomout_core.mesh.triangles import edge_lengths
 from zoomout_core.transfer.groups import expand_ranges, group_starts
 from zoomout_core.transfer.mapped_target import MappedTarget
 
-# Weight of a face's votes relative to the length of border, in perimeters of the face: a border shortened by this much
-# outweighs all samples of the face.
+# Weight of a face's votes relative to the length of a border, in perimeters of the face. A border that becomes shorter
+# by this much outweighs all samples of the face.
 VOTE_WEIGHT = 1.0
 
 
@@ -44,7 +44,7 @@ class Candidates:
 
 
 def tally(owner: Integers, code: Integers, weight: Floats) -> tuple[Candidates, Integers]:
-    """Count votes for codes (q,), each with the face that owns it (q,) and a weight (q,); every face has a vote.
+    """Count votes for codes (q,) of faces (q,) with weights (q,); every face has at least one vote.
 
     Returns the candidates, and (k,) the code of each.
     """
@@ -63,8 +63,8 @@ def elect_for_faces(
     Args:
         candidates: the k candidates of f faces.
         mapped: the target on the source.
-        agree: tells for pairs of candidates (p,) and (p,), and the corners (p, 2) and (p, 2) of both faces at their
-            common edges, whether there is no border between the two.
+        agree: a function that returns for pairs of candidates whether there is no border between them. It takes the
+            candidates (p,) and (p,), and the corners (p, 2) and (p, 2) of both faces at their common edges.
     """
     target, choice = mapped.target, np.bincount(candidates.face) > 1
     first, second = mapped.adjacent

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Rotations: quaternions, and the rotations of matrices.
 
-A quaternion and its negative are the same rotation, so their products with themselves are mixed, and the mean is the
-eigenvector of the largest eigenvalue (Markley et al., Averaging quaternions, 2007).
+A quaternion and its negative are the same rotation, so the outer products q q' are mixed, and the mean is the
+eigenvector of the largest eigenvalue: Markley et al., Averaging quaternions (2007).
 """
 
 from __future__ import annotations

@@ -20,7 +20,7 @@ from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.runtime.threads import on_one_blas_thread
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 from zoomout_core.transfer.continuation import extrapolate_map
-from zoomout_core.transfer.edges import snap_marks, transfer_edges
+from zoomout_core.transfer.edges.transfer_edges import snap_marks, transfer_edges
 from zoomout_core.transfer.finite import with_finite_values
 from zoomout_core.transfer.interpolate import MIX, VOTE
 from zoomout_core.transfer.keys.shape_keys import carry_offsets, conform_target
@@ -139,9 +139,9 @@ def transfer(
 ) -> Attribute:
     """Transfer an attribute of the source to the target.
 
-    Vertices without a partner on the source are filled in: numbers, colours, weights and shape keys smoothly from
-    their surroundings; other kinds take the nearest value along the surface. To keep the target's own values
-    there, `blend` with the match's `has_partner` as the mask.
+    Vertices without a partner on the source are filled in. Numbers, colours, weights and shape keys are continued
+    smoothly from their surroundings; other kinds take the nearest value along the surface. To keep the target's own
+    values there, `blend` with the match's `has_partner` as the mask.
 
     Args:
         attribute: an attribute of the source.

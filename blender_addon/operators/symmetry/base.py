@@ -7,7 +7,7 @@ from bpy.types import Context
 
 from ...storage import stored_symmetry
 from ...translations import translated
-from ..modal_operator import ModalOperator
+from ..base.modal_operator import ModalOperator
 
 
 class SymmetryOperator(ModalOperator):

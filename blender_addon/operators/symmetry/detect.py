@@ -14,7 +14,7 @@ from ...properties.settings import take_settings
 from ...properties.symmetry import DetectOptions
 from ...services.symmetry.detect import choose_symmetry, detect_symmetry_async, found_summary, swap_sides
 from ...services.symmetry.mesh_access import writable_mesh
-from ..modal_operator import ModalOperator
+from ..base.modal_operator import ModalOperator
 from .base import SymmetryOperator
 
 

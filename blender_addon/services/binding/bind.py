@@ -147,7 +147,7 @@ async def prepare_binding(
 
 
 def _pose(job: TransferJob, rigged: Rigged, weights: WeightAdapter) -> tuple[PosedTarget, TransferJob]:
-    """The pose of a target, and the transfer along the map to the source in that pose, by which weights come."""
+    """The pose of a target, and the transfer of weights along the map to the source in that pose."""
     mapped = map_target(job.match, job.pair.source, job.pair.target, job.settings.fill_below)
     with stage("Finding the pose", 0, READING):
         posed = find_pose(mapped, rigged.rest, rigged.weights, rigged.bones.parents)
@@ -199,8 +199,8 @@ def _note_on_constraints(armature: Object) -> list[Message]:
         return []
     return [
         warning(
-            "Child Of constraints of {count} bones have an inverse of the old rest position, such as that of '{bone}': "
-            "set it again on the copy.",
+            "Child Of constraints of {count} bones, such as '{bone}', have the inverse of the old rest position: use "
+            "Set Inverse on the copy.",
             count=len(names),
             bone=names[0],
         )
@@ -216,9 +216,9 @@ def _check_weights(
     weights: WeightAdapter,
     moved: Floats,
 ) -> tuple[Booleans, tuple[str, ...]]:
-    """Turn the bones to extremes, play their animation, and smooth weights that would tear the target.
+    """Rotate the bones to extremes, play their animation, and smooth weights that would tear the target.
 
-    The bones of the target turn about other heads (b, 3) if they are moved.
+    If the target's bones are moved, they rotate about other heads (b, 3).
 
     Returns:
         (n_t,) vertices that stretch too far still, and sentences for the user.
@@ -232,14 +232,15 @@ def _check_weights(
         weights.smooth(target, checked.smoothed, job.settings.limit)
         notes.append(
             message(
-                "The weights of {count:,} vertices would have torn the mesh when bones turn: they were smoothed.",
+                "The weights of {count:,} vertices would have torn the mesh when bones rotate, and were smoothed.",
                 count=int(checked.smoothed.sum()),
             )
         )
     if checked.stretched.any():
         notes.append(
             warning(
-                "{count:,} vertices stretch far more than on the source when bones turn: Select Stretched shows them.",
+                "{count:,} vertices stretch far more than on the source when bones rotate: Select Stretched shows "
+                "them.",
                 count=int(checked.stretched.sum()),
             )
         )

@@ -42,7 +42,7 @@ def write_bound(context: Context, pair: ObjectPair, bound: Bound) -> list[Messag
 
 
 def _redirect_drivers(target: Object, read: Iterable[Object]) -> list[Message]:
-    """Let drivers of the keys that a target has already read its armature, where it has what they read of others.
+    """Make drivers of the target's own keys read its armature, as far as it has what they read elsewhere.
 
     Args:
         target: the object, bound.
@@ -54,7 +54,7 @@ def _redirect_drivers(target: Object, read: Iterable[Object]) -> list[Message]:
     blocks = {part: part for each in own for part in (each, each.data)}
     others = {block: other for each in read for block, other in mesh_data.partner_armatures(each, own[0]).items()}
     partners = mesh_data.Partners(blocks, if_present=others)
-    return list(notes_on_drivers(mesh_data.redirect_drivers(target.data.shape_keys, partners), target))
+    return notes_on_drivers(mesh_data.redirect_drivers(target.data.shape_keys, partners), target)
 
 
 def write_posed_shape(target: Object, bound: Bound) -> None:
@@ -70,8 +70,8 @@ def _note_on_bends(turned: Mapping[str, float]) -> list[Message]:
     worst = max(turned, key=lambda name: turned[name])
     return [
         warning(
-            "At rest, constraints turn {count} deforming bones of the copy, '{bone}' by {angle:.0f}°: move control "
-            "bones that no longer fit in Edit Mode.",
+            "At rest, constraints rotate {count} deform bones of the copy, such as '{bone}' by {angle:.0f}°: in Edit "
+            "Mode, move the control bones that no longer fit.",
             count=len(turned),
             bone=worst,
             angle=turned[worst],

@@ -41,10 +41,10 @@ def dress(
 ) -> dict[str, Any]:
     """Dress a target with copies of a source's accessories, fitted to its body along their match or a new one.
 
-    If both are bound to one armature, they are fitted in its rest pose, and the copies are bound to it as well. If the
+    If both are bound to one armature, they are fitted in its rest pose, and the copies are bound to it, too. If the
     target has an armature of its own, they are bound to that, which receives the outfit's own bones. Else the copies
-    are children of the target in its present pose, and follow when it is bound to the source's armature.
-    Earlier copies of the same objects are replaced; the objects themselves are not changed.
+    are children of the target in its present pose, and follow when it is bound to the source's armature. Earlier copies
+    of the same objects are replaced; the objects themselves are not changed.
 
     Args:
         context: Blender's; all objects are in its scene.

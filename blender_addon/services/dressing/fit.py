@@ -7,19 +7,29 @@ from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.sparse import csr_array
 
 import zoomout_core as zo
 from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.geometry.procrustes import procrustes
 from zoomout_core.messages import Message, enumeration, message, warning
 from zoomout_core.runtime.progress import portion
-from zoomout_core.transfer import Dressed, Manner, Skeleton, carry, pair_bones, shape_of_source
+from zoomout_core.transfer import (
+    Dressed,
+    JointPairs,
+    Manner,
+    Skeleton,
+    align_joints,
+    carry,
+    pair_bones,
+    shape_of_source,
+)
 from zoomout_core.transfer.dressing.hidden_skin import keys_that_hide_skin
 
 from ...mesh_data import BodyKeys, OutfitBones, Worn
 from ...storage import stored_match
 from .read import Dressing, Fitting, Rigs
-from .worn_weights import Change, GroupWeights, clear_copies, follow_groups
+from .worn_weights import Change, GroupWeights, clear_copies, follow_groups, weights_of_bones
 
 # Fractions of the progress for giving the source the target's shape, and for fitting, before objects follow keys.
 SHAPING, FITTED = 0.8, 0.9
@@ -57,6 +67,8 @@ def fit_worn(match: stored_match.Match, fitting: Fitting, dressing: Dressing) ->
         "rigid" if each.hangs_from_bone and dressing.manner == "automatic" else dressing.manner for each in fitting.worn
     ]
     with portion(SHAPING, FITTED):
+        if fitting.rigs is not None and fitting.weights is not None:
+            shape = _align(shape, body, fitting, fitting.rigs, fitting.weights)
         dressed = carry(
             body,
             shape,
@@ -89,6 +101,20 @@ def fit_worn(match: stored_match.Match, fitting: Fitting, dressing: Dressing) ->
     return replace(fit, dressed=dressed, keys=keys)
 
 
+def _align(shape: Floats, body: zo.Surface, fitting: Fitting, rigs: Rigs, weights: GroupWeights) -> Floats:
+    """The shape of a body, aligned with the joints of the target's armature."""
+    bones = Skeleton(rigs.body.names, rigs.body.parents, rigs.body.heads)
+    others = Skeleton(rigs.others.names, rigs.others.parents, rigs.others.heads)
+    of_body = weights_of_bones(weights.source, rigs.body.names)[_vertices_of(body, fitting)]
+    return align_joints(body, shape, fitting.target, JointPairs.of(bones, csr_array(of_body), others))
+
+
+def _vertices_of(body: zo.Surface, fitting: Fitting) -> Booleans:
+    """(n_s,) the vertices of the source that a body has: all of them, or those that are not worn."""
+    whole = len(body.vertices) == len(fitting.source.vertices)
+    return np.ones_like(fitting.is_body) if whole else fitting.is_body
+
+
 def _move_bones(fit: Fit, fitting: Fitting, rigs: Rigs, body: zo.Surface, shape: Floats) -> Fit:
     """Move the outfit's own bones along with the objects, and find the partners of all others."""
     outfit = rigs.outfit
@@ -107,13 +133,12 @@ def _move_bones(fit: Fit, fitting: Fitting, rigs: Rigs, body: zo.Surface, shape:
 
 def _follow_weights(fit: Fit, fitting: Fitting, rigs: Rigs, weights: GroupWeights, body: zo.Surface) -> Fit:
     """Change the weights of the copies as those of the body below them change."""
-    whole = len(body.vertices) == len(fitting.source.vertices)
     changes = follow_groups(
         weights,
         {name: fit.pairs.get(name, name) for name in rigs.body.names},
         rigs.outfit.names,
         rigs.others.names,
-        (body, np.ones_like(fitting.is_body) if whole else fitting.is_body),
+        (body, _vertices_of(body, fitting)),
         fitting.target,
         fitting.worn,
         fit.dressed.vertices,
@@ -186,7 +211,8 @@ def notes_on_stretch(worn: Sequence[Worn], dressed: Dressed) -> list[Message]:
     """A sentence for each copy that is stretched somewhere."""
     return [
         warning(
-            "{count:,} vertices of '{name}' are stretched far more than the body, as where limbs touch: check these.",
+            "{count:,} vertices of '{name}' stretch far more than the body, for example where limbs touch: check "
+            "these.",
             count=int(stretched.sum()),
             name=each.name,
         )

@@ -133,9 +133,13 @@ def clear_copies(
     above = [number.get(name, number.get(pairs.get(name, ""), -1)) for name in outfit.parents]
     parents = np.concatenate([bones.parents, np.array(above, dtype=np.int64)])
     poses = extend_poses(gentle_poses(bones.heads, bones.parents, UP), parents)
-    same = {name: name for name in labels}
-    given = [None if each is None else normalise(_by_label(each.after, same, labels)) for each in changes]
-    return clear_in_poses(dressed, PosedBody(normalise(_by_label(weights.target, same, labels)), poses), given)
+    given = [None if each is None else normalise(weights_of_bones(each.after, labels)) for each in changes]
+    return clear_in_poses(dressed, PosedBody(normalise(weights_of_bones(weights.target, labels)), poses), given)
+
+
+def weights_of_bones(weights: Attribute, names: Sequence[str]) -> csr_array:
+    """(n, b) the weights of the groups that have the names of bones."""
+    return _by_label(weights, {name: name for name in names}, names)
 
 
 def _by_label(weights: Attribute, names: Mapping[str, str], labels: Sequence[str]) -> csr_array:

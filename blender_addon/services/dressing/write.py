@@ -80,7 +80,7 @@ def _redirect_drivers(
         before, now = (each.data.bones for each in armatures)  # with bones that control others, and move no vertices
         bones = {name: name for name in {*before.keys()} & {*now.keys()}} | fit.pairs
     read = mesh_data.Partners(blocks, bones, dict.fromkeys(bodies, target) | {obj: copy})
-    return list(notes_on_drivers(mesh_data.redirect_drivers(copy.data.shape_keys, read), copy))
+    return notes_on_drivers(mesh_data.redirect_drivers(copy.data.shape_keys, read), copy)
 
 
 def _armatures(context: Context, rigs: Rigs) -> tuple[Object, Object]:

@@ -8,9 +8,9 @@ from bpy.types import Context, Panel
 from ...mesh_data import armatures_of
 from ...operators.bind_to_rig import ZOOMOUT_OT_bind_to_rig
 from ...operators.check_motion import ZOOMOUT_OT_check_motion
+from ...operators.matching.select_faults import ZOOMOUT_OT_select_stretched
 from ...operators.move_rig import ZOOMOUT_OT_move_rig
-from ...operators.select_faults import ZOOMOUT_OT_select_stretched
-from ...operators.test_poses import ZOOMOUT_OT_test_poses
+from ...operators.play_test_poses import ZOOMOUT_OT_test_poses
 from ...properties.transfer import BindOptions, BindView
 from ...services.preflight import likely_source
 from ...viewport.preview import OF_BINDING

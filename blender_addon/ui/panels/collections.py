@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from bpy.types import Context, Panel
 
-from ...operators.match_collections import ZOOMOUT_OT_match_collections
+from ...operators.matching.match_collections import ZOOMOUT_OT_match_collections
 from ...properties.collections import CollectionSettings
 from .sidebar import SidebarPanel, split_properties
 

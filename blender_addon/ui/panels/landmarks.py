@@ -10,8 +10,8 @@ from bpy.types import Context, Panel, UILayout, UIList
 import zoomout_core as zo
 from zoomout_core.messages import message
 
-from ...operators.bend_match import ZOOMOUT_OT_bend_match
-from ...operators.landmarks import (
+from ...operators.matching.bend_match import ZOOMOUT_OT_bend_match
+from ...operators.matching.landmarks import (
     ZOOMOUT_OT_clear_landmarks,
     ZOOMOUT_OT_confirm_landmarks,
     ZOOMOUT_OT_face_landmarks,
@@ -19,7 +19,7 @@ from ...operators.landmarks import (
     ZOOMOUT_OT_landmarks_from_selected,
     ZOOMOUT_OT_remove_landmark,
 )
-from ...operators.place_landmarks import ZOOMOUT_OT_place_landmarks
+from ...operators.matching.place_landmarks import ZOOMOUT_OT_place_landmarks
 from ...properties.landmarks import LandmarkSettings, ZOOMOUT_PG_landmark
 from ...scene.landmarks import surface_points_on
 from ...scene.selection import participants

@@ -8,7 +8,7 @@ from bpy.types import Context, Panel
 from zoomout_core.messages import message
 
 from ...operators.live_link import ZOOMOUT_OT_keep_linked, ZOOMOUT_OT_update_linked
-from ...operators.match import ZOOMOUT_OT_match
+from ...operators.matching.match import ZOOMOUT_OT_match
 from ...scene.selection import match_source
 from ...services.live_link import has_older_match, link_of
 from ...services.preflight import stale

@@ -11,7 +11,7 @@ from zoomout_core.matching.report.verdict import RED
 from zoomout_core.messages import message
 from zoomout_core.messages import sentences as join_sentences
 
-from ...operators.match import ZOOMOUT_OT_match
+from ...operators.matching.match import ZOOMOUT_OT_match
 from ...presets import ZOOMOUT_PT_match_presets
 from ...scene.selection import chosen_targets
 from ...services.preflight import findings, likely_source, stale

@@ -14,8 +14,8 @@ from zoomout_core.matching.report.notes import select_notes
 from zoomout_core.matching.report.verdict import VERDICT
 from zoomout_core.messages import is_warning, message
 
-from ...operators.candidates import ZOOMOUT_OT_swap_match_sides, ZOOMOUT_OT_use_candidate
-from ...operators.select_faults import (
+from ...operators.matching.candidates import ZOOMOUT_OT_swap_match_sides, ZOOMOUT_OT_use_candidate
+from ...operators.matching.select_faults import (
     ZOOMOUT_OT_select_doubtful,
     ZOOMOUT_OT_select_flipped,
     ZOOMOUT_OT_select_torn,

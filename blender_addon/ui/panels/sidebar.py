@@ -11,7 +11,7 @@ from bpy.types import Context, Object, UILayout
 from zoomout_core.matching.report.verdict import AMBER, GREEN, RED
 from zoomout_core.messages import is_warning, message
 
-from ...operators import activity
+from ...operators.base import activity
 from ...operators.preview import ZOOMOUT_OT_clear_preview, ZOOMOUT_OT_preview
 from ...operators.symmetry import ZOOMOUT_OT_check_symmetry
 from ...scene.selection import chosen_targets, own_sources

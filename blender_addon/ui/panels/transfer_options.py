@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from bpy.types import Context, Panel
 
-from ...operators.cut_seams import ZOOMOUT_OT_cut_seams
+from ...operators.matching.cut_seams import ZOOMOUT_OT_cut_seams
 from ...properties.transfer import BLENDING, NAMING
 from ...viewport import preview
 from .sidebar import SidebarPanel, explain_hidden_preview, preview_buttons, split_properties

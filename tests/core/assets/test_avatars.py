@@ -295,7 +295,7 @@ def test_morph_targets_of_equal_names_stay_distinct(path: Path) -> None:
 def test_file_without_avatar_bones_cannot_become_vrm(tmp_path: Path, path: Path) -> None:
     write_tube(tmp_path / "tube.glb")
     tube, target = read_asset(tmp_path / "tube.glb"), read_asset(path)
-    with pytest.raises(MeshError, match="would be no avatar, because its joints are not those of a VRM file"):
+    with pytest.raises(MeshError, match="would not be an avatar, because its joints are not those of a VRM file"):
         write_asset(tube, tmp_path / "out.vrm")
     carried = transfer_asset(tube, target, onto(tube.surface, target.surface), ["weights"])
     with pytest.raises(MeshError, match=r"leave out the skin weights if the target is an avatar, or write a \.glb"):

@@ -19,13 +19,13 @@ from zoomout_core.assets.asset import NORMALS, SHAPE_KEYS, Asset
 from zoomout_core.assets.files import read_asset, write_asset
 from zoomout_core.assets.gltf.compress import METHODS
 from zoomout_core.cli import main
-from zoomout_core.mesh.formats.decompress_gltf import DRACO, MESHOPT
-from zoomout_core.mesh.formats.draco import decode_draco
+from zoomout_core.mesh.formats.compression.decompress_gltf import DRACO, MESHOPT
+from zoomout_core.mesh.formats.compression.draco import decode_draco
+from zoomout_core.mesh.formats.compression.meshopt_attributes import decode_attributes, encode_attributes
+from zoomout_core.mesh.formats.compression.meshopt_filters import decode_filter, encode_exponential, encode_octahedral
+from zoomout_core.mesh.formats.compression.meshopt_indices import decode_indices, decode_triangles, encode_triangles
 from zoomout_core.mesh.formats.files import read_shape
 from zoomout_core.mesh.formats.glb import unpack_glb
-from zoomout_core.mesh.formats.meshopt_attributes import decode_attributes, encode_attributes
-from zoomout_core.mesh.formats.meshopt_filters import decode_filter, encode_exponential, encode_octahedral
-from zoomout_core.mesh.formats.meshopt_indices import decode_indices, decode_triangles, encode_triangles
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.input_files import FormatError
 

@@ -13,13 +13,14 @@ import pygltflib as gltf
 import pytest
 from skinned_tubes import weights_of, write_tube
 
-from zoomout_core.assets.asset import COLOR, MATERIALS, SHAPE_KEYS, Asset, on_corners
+from zoomout_core.assets.asset import COLOR, MATERIALS, NORMALS, SHAPE_KEYS, Asset, on_corners
 from zoomout_core.assets.files import read_asset, write_asset
 from zoomout_core.assets.part_names import mask_of_parts
 from zoomout_core.assets.transfer_asset import KINDS, transfer_asset
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
+from zoomout_core.transfer.normals import outward_normals
 
 
 @pytest.fixture
@@ -44,6 +45,11 @@ def head(tmp_path: Path) -> Asset:
     red = Attribute("color 0", Domain.POINT, Kind.COLOR, np.tile([1.0, 0, 0], (len(offsets), 1)))
     kept = [each for each in asset.attributes if each.name not in (SHAPE_KEYS, "color 0")]
     return replace(asset, attributes=(*kept, keys, red))
+
+
+def upper_half(asset: Asset) -> np.ndarray:
+    height = asset.surface.vertices[:, 1]
+    return np.asarray(height > height.mean(), dtype=float)
 
 
 def onto_itself(asset: Asset) -> Any:
@@ -86,6 +92,26 @@ def test_a_second_source_transfers_to_its_part_alone(tmp_path: Path, target: Ass
     at = height[again.surface.corner_vertex]
     np.testing.assert_allclose(values[at == at.min()], 0.5, atol=0.01)
     np.testing.assert_allclose(values[at == at.max()], np.tile([1, 0, 0, 1], ((at == at.max()).sum(), 1)), atol=0.01)
+
+
+@pytest.mark.parametrize("own", [None, Domain.POINT, Domain.CORNER])
+def test_normals_outside_the_part_stay(target: Asset, head: Asset, own: Domain | None) -> None:
+    count = {Domain.POINT: len(target.surface.vertices), Domain.CORNER: len(target.surface.corner_vertex)}
+    others = tuple(each for each in target.attributes if each.name != NORMALS)
+    up = np.array([0.0, 1.0, 0.0])
+    if own is not None:
+        others = (*others, Attribute(NORMALS, own, Kind.NORMAL, np.tile(up, (count[own], 1))))
+    sideways = np.tile([1.0, 0.0, 0.0], (len(head.surface.corner_vertex), 1))
+    source = replace(head, attributes=(Attribute(NORMALS, Domain.CORNER, Kind.NORMAL, sideways),))
+    made = transfer_asset(
+        source, replace(target, attributes=others), onto_itself(head), [NORMALS], mask=upper_half(head)
+    )
+    found = made.asset.find(NORMALS)
+    assert found is not None
+    outside = upper_half(head)[target.surface.corner_vertex] == 0
+    expected = outward_normals(target.surface, Domain.CORNER) if own is None else np.tile(up, (len(outside), 1))
+    np.testing.assert_allclose(on_corners(found, target.surface)[outside], expected[outside], atol=1e-6)
+    assert np.abs(on_corners(found, target.surface) - expected)[~outside].max() > 0.5
 
 
 def test_materials_of_a_plain_source_keep_colors_and_images(target: Asset, head: Asset) -> None:

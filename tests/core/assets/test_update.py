@@ -117,6 +117,59 @@ def test_an_update_keeps_the_limit_of_weights(made: Path) -> None:
     assert np.diff(csr_array(updated.skin.weights).indptr).max() == 2
 
 
+def test_updates_keep_own_edits_of_what_did_not_change(made: Path) -> None:
+    old, derived = read_asset(made / "old.glb"), read_asset(made / "scan.glb")
+    first, keys = edit(old), np.zeros((len(derived.surface.vertices), 2, 3))
+    uv, own = derived.find("uv 0"), np.array(keys)
+    assert uv is not None
+    own[:, 0] = 0.3
+    attributes = (
+        *derived.attributes,
+        replace(uv, name="uv 1"),
+        Attribute(SHAPE_KEYS, Domain.POINT, Kind.OFFSET, own, ("smile", "lift")),
+    )
+    assert derived.skin is not None
+    painted = np.tile(np.eye(len(derived.skin.names))[-2:].mean(axis=0), (len(own), 1))
+    skin = replace(derived.skin, weights=csr_array(painted))
+    mine = replace(derived, attributes=attributes, skin=skin)
+    stored = mine.stored_map
+    assert stored is not None
+    mine = replace(mine, stored_map=replace(stored, kinds=(*stored.kinds, SHAPE_KEYS)))
+
+    updated = update_asset(with_keys(old, smile=0.1), with_keys(first, smile=0.1), mine).asset
+    found = {each.name: each for each in updated.attributes}
+    np.testing.assert_array_equal(found["uv 1"].values, uv.values)
+    assert np.abs(np.asarray(found["uv 0"].values) - uv.values).max() > 0.1
+    assert found[SHAPE_KEYS].labels == ("smile", "lift")
+    np.testing.assert_array_equal(found[SHAPE_KEYS].values[:, 0], own[:, 0])
+    assert np.linalg.norm(found[SHAPE_KEYS].values[:, 1], axis=1).mean() > 0.05
+    assert updated.skin is not None
+    weights = updated.skin.weights.toarray()
+    kept = (weights == painted).all(axis=1)
+    assert 0.3 < kept.mean() < 0.95
+    assert derived.skin.weights.toarray()[kept, 2].max() < 0.01
+    assert weights[~kept, 2].max() < 1e-6
+
+
+def with_keys(asset: Asset, **lifts: float) -> Asset:
+    """An asset with keys that lift everything, before those that it has."""
+    offsets = np.zeros((len(asset.surface.vertices), len(lifts), 3))
+    offsets[:, :, 2] = list(lifts.values())
+    labels, own = tuple(lifts), asset.find(SHAPE_KEYS)
+    if own is not None:
+        offsets, labels = np.concatenate([offsets, own.values], axis=1), (*labels, *own.labels)
+    others = tuple(each for each in asset.attributes if each is not own)
+    return replace(asset, attributes=(*others, Attribute(SHAPE_KEYS, Domain.POINT, Kind.OFFSET, offsets, labels)))
+
+
+def test_data_that_the_source_lost_stays_and_is_noted(made: Path) -> None:
+    old, derived = read_asset(made / "old.glb"), read_asset(made / "scan.glb")
+    bare = replace(old, attributes=tuple(each for each in old.attributes if each.name != "uv 0"))
+    updated = update_asset(old, bare, derived)
+    assert updated.asset.find("uv 0") is derived.find("uv 0")
+    assert [str(note) for note in updated.notes] == ["The source no longer has uv 0: the updated file still does."]
+
+
 def test_changed_weights_need_the_same_joints(made: Path) -> None:
     old = read_asset(made / "old.glb")
     with pytest.raises(MeshError, match="joints of the source have changed"):

@@ -39,7 +39,7 @@ def add(*numbers: int) -> int:
 
 
 def fail(*_: int) -> int:
-    raise ValueError("It is no number.")
+    raise ValueError("It is not a number.")
 
 
 def fail_at_first(marks: Path, error: type[Exception] = NotEnoughMemoryError) -> int:
@@ -68,7 +68,12 @@ CHAIN = [
     Task("three", add, (2,), ("one",)),
     Task("after wrong", add, (2,), ("one", "wrong")),
 ]
-EXPECTED = {"one": 1, "wrong": Failure("It is no number."), "three": 3, "after wrong": Failure("It is no number.")}
+EXPECTED = {
+    "one": 1,
+    "wrong": Failure("It is not a number."),
+    "three": 3,
+    "after wrong": Failure("It is not a number."),
+}
 
 
 @pytest.fixture(scope="module")

@@ -8,10 +8,13 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
+import pygltflib
 import pytest
 from click.testing import CliRunner
 from scipy.sparse import csr_array
+from skinned_tubes import write_tube
 
+import zoomout_core as zo
 from zoomout_core.assets.asset import Asset, Skin
 from zoomout_core.assets.files import read_asset, write_asset
 from zoomout_core.cli import main
@@ -115,8 +118,84 @@ def test_unsuitable_source_fails_only_its_target(
     assert "has no joints to move" in report["failures"]["scan"]
     best = FoundSource(library / "hero.blend", 0.4, 0.97, 0.06)
     monkeypatch.setattr(batch, "search", lambda *_: FoundSources((best,), best.path, ""))
-    assert "only Blender can transfer" in run(*arguments, "--transfer")[1]["failures"]["scan"]
+    monkeypatch.setenv("ZOOMOUT_BLENDER", "missing")
+    assert "There is no program missing" in run(*arguments, "--transfer")[1]["failures"]["scan"]
     assert not (tmp_path / "out" / "targets").exists()
+
+
+@pytest.mark.parametrize(("option", "moves"), [("--transfer", False), ("--move-rig", True)])
+def test_blender_transfers_from_its_own_files(
+    folders: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, option: str, moves: bool
+) -> None:
+    library, scans = folders
+    pack = library / "pack.blend"
+    pack.touch()
+    best = FoundSource(pack / "Collection" / "Hero", 0.4, 0.97, 0.06)
+    monkeypatch.setattr(batch, "search", lambda *_: FoundSources((best,), best.path, ""))
+    read: list[tuple[Path, str, bool]] = []
+
+    def read_item(path: Path, role: str, output: Path, known: bool, _: str | None) -> None:
+        read.append((path, role, known))
+        write_shape(zo.read_surface(library / "hero.glb" if role == "source" else path), output)
+
+    def carry_pair(source: Path, target: Path, map_file: Path, output: Path, *rest: object) -> tuple[str, ...]:
+        assert (source, target) == (best.path, scans / "scan.ply")
+        zo.SurfaceMap.load(map_file, zo.read_surface(library / "hero.glb"))
+        assert rest[-1] is moves
+        output.parent.mkdir(parents=True)
+        output.write_text("written by Blender")
+        return ("Blender said this.",)
+
+    drawn: list[np.ndarray] = []
+    draw_pair = batch.draw_pair
+    monkeypatch.setattr(batch, "draw_pair", lambda result: drawn.append(result.source.vertices) or draw_pair(result))
+    monkeypatch.setattr(batch, "read_item", read_item)
+    monkeypatch.setattr(batch, "carry_pair", carry_pair)
+    code, report = run(scans / "scan.ply", "--library", library, "-o", tmp_path / "out", option, "--force")
+    assert not report["failures"]
+    (row,) = report["targets"]
+    assert (code, row["output"], row["source"]) == (0, "targets/scan.blend", str(best.path))
+    assert "Blender said this." in row["notes"]
+    # Blender's z axis is up, and y in pictures.
+    np.testing.assert_allclose(drawn[0], zo.read_surface(library / "hero.glb").vertices[:, [0, 2, 1]] * [1, 1, -1])
+    assert read == [(best.path, "source", True), (scans / "scan.ply", "target", True)]
+
+
+def test_source_of_a_part_gives_its_joints_to_the_written_target(
+    folders: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    library, scans = folders
+    body, head = library / "body.glb", library / "head.glb"
+    for path in (body, head):
+        write_tube(path)
+    file = pygltflib.GLTF2().load(head)
+    file.nodes[2].name = "Jaw"
+    file.save(head)
+    write_shape(zo.read_surface(body), scans / "scan.ply")
+    part = zo.FoundPart(head, body, "Upper", ("Upper",), 0.99, 0.95)
+    best = FoundSource(body, 0.4, 0.97, 0.06)
+    monkeypatch.setattr(batch, "search", lambda *_: FoundSources((best,), best.path, "", part))
+    arguments = scans / "scan.ply", "--library", library, "-o", tmp_path / "out"
+    code, report = run(*arguments, "--move-rig", "--parts", "--force")
+    assert (code, report["failures"]) == (0, {})
+    assert any(
+        note.startswith("The joint Upper and all below it have the data") for note in report["targets"][0]["notes"]
+    )
+    skin = read_asset(tmp_path / "out" / "targets" / "scan.glb").skin
+    assert skin is not None
+    assert skin.names == ("Lower", "Upper", "Jaw")
+    # Without --parts it is only proposed, as it is if its match is wrong.
+    report = run(*arguments, "--move-rig", "--force")[1]
+    assert str(part.sentence) in report["targets"][0]["notes"]
+    monkeypatch.setattr(batch, "check_verdict", lambda *_: None)
+    red = zo.Verdict("red", "It is wrong.", "")
+    monkeypatch.setattr(zo.MatchResult, "verdict", property(lambda _: red))
+    report = run(*arguments, "--move-rig", "--parts")[1]
+    assert any("was not used for the joint Upper" in note for note in report["targets"][0]["notes"])
+    skin = read_asset(tmp_path / "out" / "targets" / "scan.glb").skin
+    assert skin is not None
+    assert skin.names == ("Lower", "Upper")
+    assert CliRunner().invoke(main, ["find", *map(str, arguments), "--parts"]).exit_code == 2
 
 
 def test_rejected_source_is_pictured_with_the_reason(

@@ -9,7 +9,7 @@ import pytest
 import zoomout_core.mesh.simplify as simplification
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.mesh.mirror_pairs import mirror_moves, mirror_pairs
-from zoomout_core.mesh.simplify import SIMPLIFICATION, simplify
+from zoomout_core.mesh.simplify import KEPT_TRIANGLES, SIMPLIFICATION, simplify
 from zoomout_core.samples.grids import grid_faces, triangles_of
 from zoomout_core.samples.spheres import ball, outward_hull
 from zoomout_core.tuning import retune
@@ -85,6 +85,22 @@ def test_triangles_do_not_mix_charts_if_all_layers_are_ignored() -> None:
     of_corner = np.repeat(chart, 3)
     assert (of_corner[content] == of_corner[content][:, :1]).all()
     assert (of_corner[corners] != of_corner[corners][:, :1]).any()
+
+
+def test_the_most_important_regions_do_not_vanish() -> None:
+    points, triangles = wavy_grid()
+    regions = np.zeros(len(triangles), dtype=int)
+    for number, corner in enumerate(([0.3, 0.3], [0.7, 0.3], [0.3, 0.7], [0.7, 0.7]), 1):
+        distance = np.linalg.norm(points[triangles].mean(axis=1)[:, :2] - corner, axis=1)
+        regions[np.argsort(distance)[:6]] = number
+    layer = np.repeat(regions[:, None], 3, axis=1)
+    alive, _, _ = simplify(points[None], triangles, [layer], [24])[0]
+    assert len(np.unique(regions[alive])) < 4
+    alive, corners, _ = simplify(points[None], triangles, [layer], [24], regions=regions)[0]
+    assert len(np.unique(triangles.ravel()[corners])) == 24
+    # Three regions are an eighth of the vertices, the first of which is all around the others.
+    assert (np.bincount(regions[alive], minlength=5)[:3] >= KEPT_TRIANGLES).all()
+    assert len(np.unique(regions[alive])) < 5
 
 
 def test_more_vertices_are_kept_where_poses_bend_the_mesh() -> None:
@@ -170,7 +186,9 @@ def test_sides_of_a_thin_part_do_not_merge(monkeypatch: pytest.MonkeyPatch) -> N
     lattice = np.stack(np.meshgrid(*[np.linspace(-1, 1, 4)] * 3), axis=-1).reshape(-1, 3)
     cube = lattice[np.abs(lattice).max(axis=1) > 0.99]
     larger = ball(1.0, count=150)
-    points = np.concatenate([cube * [0.1, 0.02, 0.08] - [0, 1.1, 0], larger.vertices])
+    # No costs are equal, because rounding would decide between them.
+    uneven = cube + np.random.default_rng(0).normal(scale=0.05, size=cube.shape)
+    points = np.concatenate([uneven * [0.1, 0.02, 0.08] - [0, 1.1, 0], larger.vertices])
     slab = outward_hull(cube / np.linalg.norm(cube, axis=1)[:, None])
     triangles = np.concatenate([slab, larger.triangles + len(cube)])
 

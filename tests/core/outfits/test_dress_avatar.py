@@ -8,16 +8,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from dolls import CHAIN, KEY
+from dolls import CHAIN, HEIGHTS, KEY
 
+from zoomout_core.arrays import Floats
 from zoomout_core.assets.asset import SHAPE_KEYS, Asset
 from zoomout_core.assets.files import read_asset
 from zoomout_core.assets.gltf.append import append_to_gltf
 from zoomout_core.geometry.procrustes import procrustes
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.outfits import skeleton
 from zoomout_core.outfits.check import REST, SPREAD, SWING, check_outfit
 from zoomout_core.outfits.dress_avatar import DressedAvatar, dress_avatar
 from zoomout_core.outfits.parts import AvatarParts, split_avatar
 from zoomout_core.outfits.pictures import HEIGHT, WIDTH, draw_outfit
+from zoomout_core.transfer.dressing.joint_alignment import JointPairs
 from zoomout_core.transfer.dressing.posed_contact import POSED_CONTACT
 from zoomout_core.tuning import retune
 
@@ -38,6 +42,29 @@ def target(dolls: Path) -> Asset:
 def dressed(parts: AvatarParts, target: Asset) -> DressedAvatar:
     assert parts.worn is not None
     return dress_avatar(parts.body.surface.vertices * WIDER, parts.body, parts.worn, target)
+
+
+def test_joints_of_both_avatars_place_the_clothes(
+    parts: AvatarParts, target: Asset, dressed: DressedAvatar, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given = list[JointPairs]()
+
+    def align(body: Surface, shape: Floats, skin: Surface, joints: JointPairs) -> Floats:
+        given.append(joints)
+        return shape + np.array([0, 0, 5])
+
+    monkeypatch.setattr(skeleton, "align_joints", align)
+    assert parts.worn is not None
+    assert target.skin is not None
+    alike = replace(target, skin=replace(target.skin, names=tuple(HEIGHTS)))
+    found = dress_avatar(parts.body.surface.vertices * WIDER, parts.body, parts.worn, alike)
+    moved = found.clothes.surface.vertices - dressed.clothes.surface.vertices
+    np.testing.assert_allclose(moved.mean(axis=0), [0, 0, 5], atol=0.1)
+    (joints,) = given
+    # Partners by name.
+    np.testing.assert_allclose(joints.before, joints.after, atol=1e-6)
+    assert joints.parents.tolist() == [-1, 0, 1]
+    np.testing.assert_allclose(joints.weights.sum(axis=1), 1, atol=1e-6)
 
 
 def test_clothes_grow_with_the_body(parts: AvatarParts, dressed: DressedAvatar) -> None:

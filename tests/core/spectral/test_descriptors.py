@@ -80,11 +80,10 @@ def test_descriptors_refuse_invalid_arguments() -> None:
 
 def test_pseudo_scalars_change_sign_under_reflection(resting: Creature) -> None:
     mirrored = Surface(resting.surface.vertices * [-1, 1, 1], resting.surface.triangles[:, ::-1])
-    f, g = resting.surface.vertices[:, [0]], resting.surface.vertices[:, [2]]
     values = []
     for surface in (resting.surface, mirrored):
         areas = mesh_laplacian(surface.working.vertices, surface.working.triangles)[1]
-        values.append(pseudo_scalars(surface.working, areas, f, g))
+        values.append(pseudo_scalars(surface.working, areas, resting.surface.vertices, *np.array([[0], [2]])))
     assert np.abs(values[0]).mean() > 0.1
     np.testing.assert_allclose(values[1], -values[0], atol=1e-9)
 
@@ -94,8 +93,10 @@ def test_pseudo_scalars_of_sphere_coordinates_equal_the_normal() -> None:
     working = Surface(points, ConvexHull(points).simplices).working
     areas = mesh_laplacian(working.vertices, working.triangles)[1]
     # <n, grad x cross grad y> = n_z at any scale, if x and y scale with the mesh.
-    found = pseudo_scalars(working, areas, working.vertices[:, [0]], working.vertices[:, [1]])[:, 0]
-    np.testing.assert_allclose(found, points[:, 2], atol=0.05)
+    found = pseudo_scalars(working, areas, working.vertices, np.array([0, 1, 0]), np.array([1, 2, 0]))
+    np.testing.assert_allclose(found[:, 0], points[:, 2], atol=0.05)
+    np.testing.assert_allclose(found[:, 1], points[:, 0], atol=0.05)
+    np.testing.assert_allclose(found[:, 2], 0, atol=1e-12)
 
 
 def test_the_mean_curvature_of_a_sphere_is_one_over_its_radius() -> None:

@@ -10,6 +10,7 @@ from transfer_meshes import sheet, tube
 
 from zoomout_core.transfer import Attribute, Blend, Domain, Kind, blend
 from zoomout_core.transfer.attribute import is_nothing, nothing
+from zoomout_core.transfer.normals import outward_normals
 
 TARGET = sheet(tube, 12, 6).surface
 N = len(TARGET.vertices)
@@ -98,6 +99,26 @@ def test_uvs_are_chosen_for_whole_faces() -> None:
     np.testing.assert_array_equal(result[~chosen], old[~chosen])
     of_face = np.add.reduceat(chosen.astype(int), TARGET.face_start[:-1])
     assert set(of_face.tolist()) == {0, 4}
+
+
+def test_normals_stay_unit_vectors_and_turn_with_the_mask() -> None:
+    count = COUNT[Domain.CORNER]
+    new, old = np.tile([1.0, 0, 0], (count, 1)), np.tile([0, 0, 1.0], (count, 1))
+    both = [attribute(Kind.NORMAL, Domain.CORNER, values) for values in (new, old)]
+    result = blend(*both, TARGET, Blend(mask=MASK)).values
+    share = MASK[TARGET.corner_vertex]
+    np.testing.assert_allclose(np.linalg.norm(result, axis=1), 1)
+    np.testing.assert_allclose(result[:, 0] * (1 - share), result[:, 2] * share, atol=1e-12)
+    opposite = attribute(Kind.NORMAL, Domain.CORNER, -old)
+    np.testing.assert_array_equal(blend(opposite, both[1], TARGET, Blend(factor=0.5)).values, old)
+
+
+@pytest.mark.parametrize("domain", [Domain.POINT, Domain.CORNER, Domain.FACE])
+def test_missing_normals_are_those_of_the_surface(domain: Domain) -> None:
+    new = attribute(Kind.NORMAL, domain, np.tile([1.0, 0, 0], (COUNT[domain], 1)))
+    outside = blend(new, None, TARGET, Blend(mask=np.zeros(N))).values
+    np.testing.assert_allclose(outside, outward_normals(TARGET, domain))
+    np.testing.assert_array_equal(blend(new, None, TARGET, Blend("missing")).values, new.values)
 
 
 def skin(labels: tuple[str, ...], seed: int) -> Attribute:

@@ -14,9 +14,10 @@ from transfer_meshes import nearest_map, plate
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.transfer import Attribute, Domain, Kind
-from zoomout_core.transfer.edges import _beside, snap_marks, transfer_edges
+from zoomout_core.transfer.edges.line_paths import _beside
+from zoomout_core.transfer.edges.polylines import polylines_of, runs, sample
+from zoomout_core.transfer.edges.transfer_edges import snap_marks, transfer_edges
 from zoomout_core.transfer.mapped_target import MappedTarget
-from zoomout_core.transfer.polylines import polylines_of, runs, sample
 
 SIZE = 20
 

@@ -8,10 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from copy import deepcopy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
+
+import numpy as np
 
 from zoomout_core.arrays import Floats
 from zoomout_core.assets.asset import Asset
@@ -19,7 +22,7 @@ from zoomout_core.assets.gltf.avatars import is_row, list_at, object_at, objects
 from zoomout_core.assets.gltf.document import VRM_0, VRM_1, Buffer, Document, is_file, library
 from zoomout_core.assets.gltf.keep_avatars import PLAIN_MATERIAL
 from zoomout_core.assets.gltf.meshes import write_meshes
-from zoomout_core.assets.gltf.springs import copy_springs
+from zoomout_core.assets.gltf.springs import Partner, copy_springs
 from zoomout_core.assets.gltf.write import extensions_in
 from zoomout_core.assets.images import TEXTURE_EXTENSIONS, image_type
 from zoomout_core.mesh.formats.glb import pack_glb
@@ -37,12 +40,14 @@ class NewJoint:
             for none.
         matrix: (4, 4) its transform relative to that node.
         origin: the number of the node that it is a copy of, in the document of the asset's materials; -1 for none.
+        axes: (4, 4) transform of places from the axes of that node to those of the joint.
     """
 
     name: str
     parent: int
     matrix: Floats
     origin: int = -1
+    axes: Floats = field(default_factory=partial(np.eye, 4))
 
 
 def append_to_gltf(
@@ -50,7 +55,7 @@ def append_to_gltf(
     joints: Sequence[NewJoint],
     added: Asset,
     path: Path,
-    partners: Mapping[int, int] = MappingProxyType({}),
+    partners: Mapping[int, Partner] = MappingProxyType({}),
 ) -> tuple[str, ...]:
     """Write a document, and an asset in addition, to a .glb or .vrm file; returns sentences about what was left out.
 
@@ -63,16 +68,17 @@ def append_to_gltf(
         added: the asset. The nodes of its skin are numbers of the document's nodes, and then of the new joints. Its
             materials are those of its look, as are the spring bones of the joints.
         path: the file.
-        partners: the document's node for nodes of the asset's look, which colliders of springs are on.
+        partners: the document's node for other nodes of the asset's look, which colliders of springs are on.
     """
     made = _Made.of(base)
     for joint in joints:
         made.add_node({"name": joint.name, "matrix": joint.matrix.T.ravel().tolist()}, joint.parent)
-    first = len(made.rows("nodes"))
     notes = list[str]()
     if added.look is not None:
-        copies = {each.origin: first - len(joints) + at for at, each in enumerate(joints) if each.origin >= 0}
-        notes += copy_springs(made.tree, added.look.tree, copies, {**partners, **copies})
+        numbered = enumerate(joints, len(made.rows("nodes")) - len(joints))
+        copies = {each.origin: Partner(number, each.axes) for number, each in numbered if each.origin >= 0}
+        notes += copy_springs(made.tree, added.look.tree, copies, partners)
+    first = len(made.rows("nodes"))
     shell = _shell(made, added)
     drawn = deepcopy(shell.gltf)
     drawn.accessors = []

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Compress the meshes of glTF files by Draco or meshopt, as the web ships them.
 
-Both round numbers: positions and morph targets to a 2^17th of the mesh's extent, texture coordinates to a 2^17th,
-normals to a tenth of a degree, weights and colours to 16 bits. Joints, indices, animations and stored maps are exact.
+Both round numbers. Positions and morph targets are exact to 2^-17 of the mesh's extent, texture coordinates to 2^-17,
+normals to a tenth of a degree. Weights and colours have 16 bits. Joints, indices, animations and stored maps are not
+rounded.
 """
 
 from __future__ import annotations
@@ -10,9 +11,8 @@ from __future__ import annotations
 import json
 from base64 import b64encode
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
@@ -21,13 +21,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zoomout_core.arrays import Floats, Integers
-from zoomout_core.mesh.formats.decompress_gltf import DRACO, MESHOPT, NUMBER_TYPES, UNSIGNED_INTS, WIDTHS
-from zoomout_core.mesh.formats.draco import library
+from zoomout_core.mesh.formats.compression.decompress_gltf import DRACO, MESHOPT, NUMBER_TYPES, UNSIGNED_INTS, WIDTHS
+from zoomout_core.mesh.formats.compression.draco import library
+from zoomout_core.mesh.formats.compression.meshopt_attributes import Bytes, encode_attributes
+from zoomout_core.mesh.formats.compression.meshopt_filters import decode_filter, encode_exponential, encode_octahedral
+from zoomout_core.mesh.formats.compression.meshopt_indices import encode_triangles
 from zoomout_core.mesh.formats.glb import MAGIC, pack_glb
 from zoomout_core.mesh.formats.gltf_files import data_of, parse_gltf
-from zoomout_core.mesh.formats.meshopt_attributes import Bytes, encode_attributes
-from zoomout_core.mesh.formats.meshopt_filters import decode_filter, encode_exponential, encode_octahedral
-from zoomout_core.mesh.formats.meshopt_indices import encode_triangles
 
 METHODS = ("draco", "meshopt")
 MESHOPT_NAME, QUANTIZED = MESHOPT[0], "KHR_mesh_quantization"
@@ -182,7 +182,7 @@ def _round_colors(attributes: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]
 
 
 def _set_bounds(accessor: dict[str, Any], values: NDArray[Any]) -> None:
-    """Let an accessor that has bounds have those of values (count, width)."""
+    """If an accessor has bounds, set them to those of values (count, width)."""
     if "min" in accessor:
         accessor["min"], accessor["max"] = values.min(axis=0).tolist(), values.max(axis=0).tolist()
 
@@ -191,75 +191,91 @@ def _set_bounds(accessor: dict[str, Any], values: NDArray[Any]) -> None:
 
 
 def _compress_by_meshopt(parts: _Parts) -> bytes:
-    tree, done = parts.tree, dict[int, None]()
-    expanded, is_quantized = 0, False
+    writer = _MeshoptWriter(parts)
+    for primitive, _, extent in parts.primitives():
+        writer.add_primitive(primitive, extent * 2.0**-POSITION_BITS)
+    for number in range(len(parts.tree["accessors"])):  # of animations and skins, without loss
+        if writer.waits(number):
+            writer.add(number, _rows_of_four(parts.array(number)))
+    return writer.finish()
 
-    def waits(number: int) -> bool:
+
+class _MeshoptWriter:
+    """Compresses accessors one by one, each into a view of its own."""
+
+    def __init__(self, parts: _Parts) -> None:
+        self.parts = parts
+        self.accessors: list[dict[str, Any]] = parts.tree["accessors"]
+        self.done: set[int] = set()  # numbers of the compressed accessors
+        self.expanded = 0  # bytes of the buffer that readers without the extension would need
+        self.is_quantized = False
+
+    def waits(self, number: int) -> bool:
         """Whether an accessor can be compressed, and is not yet."""
-        return number not in done and parts.is_plain(number)
+        return number not in self.done and self.parts.is_plain(number)
 
-    def add(
-        number: int, stored: Bytes, how: str, filter_: str = "NONE", encode: Callable[[], bytes] | None = None
-    ) -> None:
-        """Compress the elements (count, stride) of an accessor."""
-        nonlocal expanded
-        done[number] = None
+    def add_primitive(self, primitive: dict[str, Any], step: float) -> None:
+        """Compress the accessors of a primitive, whose positions are rounded to multiples of a step."""
+        numbers = {name: at for name, at in primitive["attributes"].items() if self.waits(at)}
+        attributes = {name: self.parts.array(at) for name, at in numbers.items()}
+        rounded = _round_weights(attributes) | _round_colors(attributes)
+        for name, number in numbers.items():
+            if name == "POSITION" or name.startswith("TEXCOORD_"):
+                self._add_rounded(number, step if name == "POSITION" else 2.0**-UV_BITS)
+            elif name == "NORMAL":
+                self.accessors[number] |= {"componentType": SHORT, "normalized": True}
+                self.is_quantized = True
+                self.add(number, encode_octahedral(attributes[name], NORMAL_BITS), "OCTAHEDRAL")
+            elif name in rounded:
+                self.accessors[number] |= {"componentType": UNSIGNED_SHORT, "normalized": True}
+                self.add(number, rounded[name].view(np.uint8))
+            else:
+                self.add(number, _rows_of_four(attributes[name]))
+        for target in primitive.get("targets") or []:
+            for name, number in target.items():
+                if self.waits(number):
+                    self._add_rounded(number, step if name == "POSITION" else 2.0**-NORMAL_BITS)
+        if (indices := primitive.get("indices")) is not None and self.waits(indices):
+            corners = self.parts.array(indices).astype("<u4")
+            self.accessors[indices]["componentType"] = UNSIGNED_INTS
+            self._add_view(indices, "TRIANGLES", encode_triangles(corners.reshape(-1, 3)), (len(corners), 4))
+
+    def add(self, number: int, stored: Bytes, filter_: str = "NONE") -> None:
+        """Compress the elements (count, stride) of an accessor, which a filter has encoded."""
         count, stride = stored.shape
-        start, length = parts.add(encode_attributes(stored) if encode is None else encode())
+        self._add_view(number, "ATTRIBUTES", encode_attributes(stored), (count, stride), filter_)
+
+    def finish(self) -> bytes:
+        """Complete the document; returns its buffer."""
+        self.parts.copy_others(self.done)
+        made = self.parts.finish(MESHOPT_NAME, *([QUANTIZED] if self.is_quantized else []))
+        fallback = {"byteLength": self.expanded, "extensions": {MESHOPT_NAME: {"fallback": True}}}
+        self.parts.tree["buffers"][1:] = [fallback]
+        return made
+
+    def _add_rounded(self, number: int, step: float) -> None:
+        """Compress floating-point numbers as multiples of a step."""
+        stored = encode_exponential(self.parts.array(number), step)
+        _set_bounds(self.accessors[number], decode_filter(stored, "EXPONENTIAL").view("<f4"))
+        self.add(number, stored, "EXPONENTIAL")
+
+    def _add_view(self, number: int, mode: str, content: bytes, shape: tuple[int, int], filter_: str = "NONE") -> None:
+        """Give an accessor a view of compressed content, which expands to `shape`, elements and bytes of each."""
+        self.done.add(number)
+        count, stride = shape
+        start, length = self.parts.add(content)
         about: dict[str, Any] = {"buffer": 0, "byteOffset": start, "byteLength": length}
-        about |= {"byteStride": stride, "count": count, "mode": how}
+        about |= {"byteStride": stride, "count": count, "mode": mode}
         about |= {} if filter_ == "NONE" else {"filter": filter_}
-        before = tree["bufferViews"][tree["accessors"][number]["bufferView"]]
-        view: dict[str, Any] = {"buffer": 1, "byteOffset": expanded, "byteLength": count * stride}
+        before = self.parts.tree["bufferViews"][self.accessors[number]["bufferView"]]
+        view: dict[str, Any] = {"buffer": 1, "byteOffset": self.expanded, "byteLength": count * stride}
         if "target" in before:
             view["target"] = before["target"]
         if before.get("target") == ARRAY_BUFFER:
             view["byteStride"] = stride
-        parts.views.append(view | {"extensions": {MESHOPT_NAME: about}})
-        tree["accessors"][number] |= {"bufferView": len(parts.views) - 1, "byteOffset": 0}
-        expanded += -(-count * stride // 4) * 4
-
-    def add_rounded(number: int, step: float) -> None:
-        """Compress floating-point numbers as multiples of a step."""
-        stored = encode_exponential(parts.array(number), step)
-        _set_bounds(tree["accessors"][number], decode_filter(stored, "EXPONENTIAL").view("<f4"))
-        add(number, stored, "ATTRIBUTES", "EXPONENTIAL")
-
-    for primitive, _, extent in parts.primitives():
-        step = extent * 2.0**-POSITION_BITS
-        attributes = {name: parts.array(at) for name, at in primitive["attributes"].items() if waits(at)}
-        rounded = _round_weights(attributes) | _round_colors(attributes)
-        for name, values in attributes.items():
-            number = primitive["attributes"][name]
-            accessor = tree["accessors"][number]
-            if name == "POSITION" or name.startswith("TEXCOORD_"):
-                add_rounded(number, step if name == "POSITION" else 2.0**-UV_BITS)
-            elif name == "NORMAL":
-                accessor |= {"componentType": SHORT, "normalized": True}
-                is_quantized = True
-                add(number, encode_octahedral(values, NORMAL_BITS), "ATTRIBUTES", "OCTAHEDRAL")
-            elif name in rounded:
-                accessor |= {"componentType": UNSIGNED_SHORT, "normalized": True}
-                add(number, rounded[name].view(np.uint8), "ATTRIBUTES")
-            else:
-                add(number, _rows_of_four(values), "ATTRIBUTES")
-        for target in primitive.get("targets") or []:
-            for name, number in target.items():
-                if waits(number):
-                    add_rounded(number, step if name == "POSITION" else 2.0**-NORMAL_BITS)
-        indices = primitive.get("indices")
-        if indices is not None and waits(indices):
-            values = parts.array(indices).astype("<u4")
-            tree["accessors"][indices]["componentType"] = UNSIGNED_INTS
-            triangles = values.reshape(-1, 3)
-            add(indices, values.view(np.uint8), "TRIANGLES", encode=partial(encode_triangles, triangles))
-    for number in range(len(tree["accessors"])):  # of animations and skins, without loss
-        if waits(number):
-            add(number, _rows_of_four(parts.array(number)), "ATTRIBUTES")
-    parts.copy_others(set(done))
-    made = parts.finish(MESHOPT_NAME, *([QUANTIZED] if is_quantized else []))
-    tree["buffers"][1:] = [{"byteLength": expanded, "extensions": {MESHOPT_NAME: {"fallback": True}}}]
-    return made
+        self.parts.views.append(view | {"extensions": {MESHOPT_NAME: about}})
+        self.accessors[number] |= {"bufferView": len(self.parts.views) - 1, "byteOffset": 0}
+        self.expanded += -(-count * stride // 4) * 4
 
 
 def _rows_of_four(values: NDArray[Any]) -> Bytes:
@@ -272,7 +288,7 @@ def _rows_of_four(values: NDArray[Any]) -> Bytes:
 
 
 def _compress_by_draco(parts: _Parts) -> bytes:
-    package, tree, done = library(), parts.tree, dict[int, None]()
+    package, tree, done = library(), parts.tree, set[int]()
     # A mesh without indices, or one that shares its data with another one, stays as it is.
     primitives = [each for each, *_ in parts.primitives()]
     uses = Counter(number for each in primitives for number in (*each["attributes"].values(), each.get("indices")))
@@ -299,10 +315,10 @@ def _compress_by_draco(parts: _Parts) -> bytes:
             accessor["count"] = len(mesh.points) if name else 3 * len(mesh.faces)
             if name in rounded:
                 accessor |= {"componentType": UNSIGNED_SHORT, "normalized": True}
-            done[number] = None
+            done.add(number)
         tree["accessors"][primitive["indices"]]["componentType"] = UNSIGNED_INTS
         _set_bounds(tree["accessors"][primitive["attributes"]["POSITION"]], np.asarray(mesh.points, "<f4"))
-    parts.copy_others(set(done))
+    parts.copy_others(done)
     return parts.finish(*([DRACO] if done else []))
 
 

@@ -120,7 +120,7 @@ class Document:
 
     @property
     def tree(self) -> dict[str, Any]:
-        """A copy of its JSON."""
+        """A copy of its JSON; that of a file as it was read, without later changes of `gltf`."""
         tree: dict[str, Any] = json.loads(self.gltf.to_json()) if self._file is None else deepcopy(self._file.tree)
         return tree
 
@@ -135,13 +135,13 @@ class Document:
         return tree["nodes"][number].get("weights") if number < len(tree.get("nodes", ())) else None
 
     def image(self, number: int) -> bytes | None:
-        """File content of an image; None, with a note, if it cannot be read or is no image."""
+        """File content of an image; None, with a note, if it cannot be read or is not an image."""
         if number not in self._images:
             self._images[number] = None
             try:
                 content = self._image(number)
                 if image_type(content) is None:
-                    raise FormatError("it is no image of a known type")
+                    raise FormatError("it is not an image of a known type")
                 self._images[number] = content
             except OutsideError:
                 self._note(number, "is outside the folder of the file")

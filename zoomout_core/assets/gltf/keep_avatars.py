@@ -7,7 +7,7 @@ person refer to meshes (VRM 0) or to their nodes (VRM 1), to morph targets and t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -67,11 +67,11 @@ class _Change:
     reduced: list[str] = field(default_factory=list)
 
     def meshes(self, number: Any) -> list[int]:
-        """The meshes that a mesh became; none if the value is no number of a mesh."""
+        """The meshes that a mesh became; none if the value is not a number of a mesh."""
         return self.renumbering.meshes.get(number, []) if isinstance(number, int) else []
 
     def nodes(self, number: Any) -> list[int]:
-        """The node that has the mesh of a node now; none if the value is no number of such a node."""
+        """The node that has the mesh of a node now; none if the value is not a number of such a node."""
         nodes = self.renumbering.nodes
         return [nodes[number]] if isinstance(number, int) and number in nodes else []
 
@@ -117,8 +117,8 @@ def keep_avatar(
     return tuple(notes)
 
 
-def _keep_0(tree: dict[str, Any], change: _Change) -> Iterator[str]:
-    """Renumber the extension of VRM 0; yields notes."""
+def _keep_0(tree: dict[str, Any], change: _Change) -> list[str]:
+    """Renumber the extension of VRM 0; returns notes."""
 
     def rebind(bind: dict[str, Any]) -> list[dict[str, Any]]:
         mesh = bind.get("mesh")
@@ -139,7 +139,7 @@ def _keep_0(tree: dict[str, Any], change: _Change) -> Iterator[str]:
         if _rebind(group, {"binds": rebind, "materialValues": recolour}, name, change):
             kept.append(group)
     made = []
-    for preset, places in _new_presets(PRESETS_0, change):
+    for preset, places in _new_presets(PRESETS_0, change).items():
         if all(str(each.get("presetName")).lower() != preset for each in kept):
             kept.append({"name": preset.capitalize(), "presetName": preset, "binds": [], "materialValues": []})
         group = next(each for each in kept if str(each.get("presetName")).lower() == preset)
@@ -148,15 +148,15 @@ def _keep_0(tree: dict[str, Any], change: _Change) -> Iterator[str]:
             made.append(preset)
     if kept or "blendShapeMaster" in tree:
         tree["blendShapeMaster"] = {**master, "blendShapeGroups": kept}
-    yield from _note_on_presets(made)
-    yield from _keep_annotations(tree, "mesh", change.meshes, ("firstPersonFlag", "Auto"))
+    note = _keep_annotations(tree, "mesh", change.meshes, ("firstPersonFlag", "Auto"))
     _keep_thumbnail_0(object_at(tree, "meta"), change)
     if change.look is not change.document:
         tree["materialProperties"] = _material_properties(change)
+    return [*_note_on_presets(made), *note]
 
 
-def _keep_1(tree: dict[str, Any], change: _Change) -> Iterator[str]:
-    """Renumber the extension of VRM 1; yields notes."""
+def _keep_1(tree: dict[str, Any], change: _Change) -> list[str]:
+    """Renumber the extension of VRM 1; returns notes."""
 
     def rebind(bind: dict[str, Any]) -> list[dict[str, Any]]:
         node = bind.get("node")
@@ -180,15 +180,15 @@ def _keep_1(tree: dict[str, Any], change: _Change) -> Iterator[str]:
             }
     made = []
     bearers = {node.mesh: number for number, node in enumerate(change.made.nodes) if node.mesh is not None}
-    for preset, places in _new_presets(PRESETS_1, change):
+    for preset, places in _new_presets(PRESETS_1, change).items():
         presets = tree.setdefault("expressions", expressions).setdefault("preset", {})
         if not list_at(object_at(presets, preset), "morphTargetBinds"):
             binds_of_key = [{"node": bearers[mesh], "index": index, "weight": FULL_1} for mesh, index in places]
             presets[preset] = {**object_at(presets, preset), "morphTargetBinds": binds_of_key}
             made.append(preset)
-    yield from _note_on_presets(made)
-    yield from _keep_annotations(tree, "node", change.nodes, ("type", "auto"))
+    note = _keep_annotations(tree, "node", change.nodes, ("type", "auto"))
     _keep_thumbnail_1(object_at(tree, "meta"), change)
+    return [*_note_on_presets(made), *note]
 
 
 def _rebind(
@@ -222,30 +222,32 @@ def _rebind(
     return left or not any_lost
 
 
-def _new_presets(presets: Sequence[str], change: _Change) -> Iterator[tuple[str, list[tuple[int, int]]]]:
-    """The presets of which new morph targets have the name, with the meshes that have them and their numbers there."""
+def _new_presets(presets: Sequence[str], change: _Change) -> dict[str, list[tuple[int, int]]]:
+    """Presets named like new morph targets: the meshes that have these, and their numbers there."""
     before = {name for mesh in change.document.gltf.meshes for name in morph_target_names(mesh)}
     names_of = change.renumbering.key_names
-    for preset in presets:
-        places = [
+    places = {
+        preset: [
             (mesh, number)
             for mesh, names in enumerate(names_of)
             for number, name in enumerate(names)
             if name.lower() == preset.lower() and name not in before
         ]
-        if places:
-            yield preset, places
+        for preset in presets
+    }
+    return {preset: found for preset, found in places.items() if found}
 
 
-def _note_on_presets(presets: Sequence[str]) -> Iterator[str]:
-    if presets:
-        yield f"Expressions were made of the shape keys of their names: {', '.join(map(shown, presets))}."
+def _note_on_presets(presets: Sequence[str]) -> list[str]:
+    if not presets:
+        return []
+    return [f"Expressions were made of the shape keys of their names: {', '.join(map(shown, presets))}."]
 
 
 def _keep_annotations(
     tree: dict[str, Any], what: str, rows: Callable[[Any], list[int]], automatic: tuple[str, str]
-) -> Iterator[str]:
-    """Renumber which meshes are shown in first person; yields a note if joined meshes differ.
+) -> list[str]:
+    """Renumber which meshes are shown in first person; returns a note if joined meshes differ.
 
     Args:
         tree: the extension.
@@ -264,8 +266,9 @@ def _keep_annotations(
             kept.setdefault(row, {**annotation, what: row})
     if "meshAnnotations" in view:
         view["meshAnnotations"] = list(kept.values())
-    if differ:
-        yield "The display in first person is chosen by the bones, because meshes that differ in it were joined."
+    if not differ:
+        return []
+    return ["The display in first person is chosen by the bones, because meshes that differ in it were joined."]
 
 
 # --- images and materials -----------------------------------------------------------------------------------

@@ -7,7 +7,7 @@ mesh, on the node of the document's largest mesh, and the nodes of its other mes
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -416,13 +416,14 @@ def _name_keys(mesh: Mesh, part: Part, document: Document | None) -> None:
         each.extras = {**(each.extras or {}), "targetNames": list(part.keys)}
 
 
-def _keep_free_data(mesh: Mesh, part: Part, asset: Asset, look: Document | None) -> Iterator[str]:
-    """Copy free data and variants of materials from the meshes that a mesh stands for; yields notes on lost data."""
+def _keep_free_data(mesh: Mesh, part: Part, asset: Asset, look: Document | None) -> list[str]:
+    """Copy free data and variants of materials from the meshes that a mesh stands for; returns notes on lost data."""
     before = [each for origin in part.origins.values() for each in origin.primitives]
+    notes: list[str] = []
     if look is asset.document:
-        yield from _keep_variants(mesh, before)
+        notes += _keep_variants(mesh, before)
     elif look is not None:
-        yield from _keep_variants(mesh, [each for other in look.gltf.meshes for each in other.primitives])
+        notes += _keep_variants(mesh, [each for other in look.gltf.meshes for each in other.primitives])
     own = [_without_names(each) for each in part.origins.values()]
     joined = len(own) > 1 and any(own)
     if len(own) == 1:
@@ -435,10 +436,11 @@ def _keep_free_data(mesh: Mesh, part: Part, asset: Asset, look: Document | None)
         else:
             joined = joined or any(found)
     if joined:
-        yield (
+        notes.append(
             "The meshes have free data (extras) of their own, which was left out, because they were joined or have "
             "other materials."
         )
+    return notes
 
 
 def _without_names(part: Mesh | Primitive) -> dict[str, Any]:
@@ -446,14 +448,16 @@ def _without_names(part: Mesh | Primitive) -> dict[str, Any]:
     return {name: deepcopy(value) for name, value in (part.extras or {}).items() if name != "targetNames"}
 
 
-def _keep_variants(mesh: Mesh, before: Sequence[Primitive]) -> Iterator[str]:
-    """Copy the mappings of material variants by material; yields a note if those of a material differ."""
+def _keep_variants(mesh: Mesh, before: Sequence[Primitive]) -> list[str]:
+    """Copy the mappings of material variants by material; returns a note for each part whose mappings differ."""
+    notes = []
     for primitive in mesh.primitives:
         mappings = [(each.extensions or {}).get(VARIANTS) for each in before if each.material == primitive.material]
         if any(mapping != mappings[0] for mapping in mappings):
-            yield (
+            notes.append(
                 "Some parts with the same material have different material variants, which are left out: give these "
                 "parts materials of their own."
             )
         elif mappings and mappings[0] is not None:
             primitive.extensions = {VARIANTS: deepcopy(mappings[0])}
+    return notes

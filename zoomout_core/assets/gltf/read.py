@@ -205,48 +205,57 @@ def _mesh(document: Document, number: int) -> _Mesh:
         for each in primitives
     ]
     counts = [len(each["POSITION"]) for each in attributes]
-    triangles = [_triangles(document, each, count) for each, count in zip(primitives, counts, strict=True)]
-    first = np.cumsum([0, *counts])
-    rows = _rows_of_all(attributes, counts)
-    keys = morph_target_names(mesh)
-    targets = len(keys)
-    offsets = np.zeros((first[-1], targets, 3))
-    for each, start, count in zip(primitives, first, counts, strict=False):
-        for key, target in enumerate(each.targets or []):
-            at = target.get("POSITION") if isinstance(target, dict) else target.POSITION
-            if at is not None:
-                offsets[start : start + count, key] = document.array(at)
+    start = np.cumsum([0, *counts])
+    rows, keys = _rows_of_all(attributes, counts), morph_target_names(mesh)
+    offsets = _morph_offsets(document, primitives, start, len(keys))
     joint, weight, bare = _influences(rows)
     broken = np.isnan(rows["POSITION"]).any(axis=1)  # vertices that keep their numbers, and lose their triangles
     offsets[broken], weight[broken] = 0, 0
-    row = np.hstack([rows["POSITION"], joint, weight, offsets.reshape(len(offsets), 3 * targets)])
-    _, chosen, merged = np.unique(row, axis=0, return_index=True, return_inverse=True)
-    # Keep the order of the file.
-    order = np.argsort(chosen, kind="stable")
-    rank = np.empty_like(order)
-    rank[order] = np.arange(len(order))
-    chosen, merged = chosen[order], rank[merged.ravel()]
-    corner = np.concatenate([np.zeros((0, 3), int), *(t + start for t, start in zip(triangles, first, strict=False))])
-    material = np.repeat(
-        [-1 if each.material is None else each.material for each in primitives], [len(t) for t in triangles]
+    chosen, merged = _merge_equal(
+        np.hstack([rows["POSITION"], joint, weight, offsets.reshape(len(offsets), 3 * len(keys))])
     )
+    triangles = [_triangles(document, each, count) for each, count in zip(primitives, counts, strict=True)]
+    corner = np.concatenate([np.zeros((0, 3), int), *(t + first for t, first in zip(triangles, start, strict=False))])
+    materials = [-1 if each.material is None else each.material for each in primitives]
+    material = np.repeat(materials, [len(t) for t in triangles])
     whole = ~broken[corner].any(axis=1)
     corner, material = corner[whole], material[whole]
     names = (name for name in rows if name.startswith(("TEXCOORD_", "COLOR_")) or name == "NORMAL")
+    has_map = PLACE in rows and all(PLACE in each for each in attributes)
     return _Mesh(
-        number,
-        node.skin,
-        rows["POSITION"][chosen],
-        merged[corner],
-        material,
-        {name: rows[name][corner.ravel()] for name in names},
-        offsets[chosen],
-        keys,
-        joint[chosen],
-        weight[chosen],
-        0 if node.skin is None else int((bare & ~broken)[chosen].sum()),
-        rows[PLACE][chosen] if PLACE in rows and all(PLACE in each for each in attributes) else None,
+        node=number,
+        skin=node.skin,
+        vertices=rows["POSITION"][chosen],
+        triangles=merged[corner],
+        material=material,
+        corners={name: rows[name][corner.ravel()] for name in names},
+        offsets=offsets[chosen],
+        keys=keys,
+        joint=joint[chosen],
+        weight=weight[chosen],
+        bare=0 if node.skin is None else int((bare & ~broken)[chosen].sum()),
+        place=rows[PLACE][chosen] if has_map else None,
     )
+
+
+def _morph_offsets(document: Document, primitives: Sequence[Primitive], start: Integers, count: int) -> Floats:
+    """(n, count, 3) offsets of the morph targets of primitives, whose vertices begin at `start` (p + 1,)."""
+    offsets = np.zeros((start[-1], count, 3))
+    for primitive, first, end in zip(primitives, start, start[1:], strict=False):
+        for key, target in enumerate(primitive.targets or []):
+            at = target.get("POSITION") if isinstance(target, dict) else target.POSITION
+            if at is not None:
+                offsets[first:end, key] = document.array(at)
+    return offsets
+
+
+def _merge_equal(rows: Floats) -> tuple[Integers, Integers]:
+    """Merge equal rows (n, w): the kept rows (k,) in the order of the file, and (n,) the kept one of each."""
+    _, chosen, merged = np.unique(rows, axis=0, return_index=True, return_inverse=True)
+    order = np.argsort(chosen, kind="stable")
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order))
+    return chosen[order], rank[merged.ravel()]
 
 
 def _rows_of_all(attributes: Sequence[dict[str, NDArray[Any]]], counts: Sequence[int]) -> dict[str, Floats]:
@@ -280,8 +289,8 @@ def _triangles(document: Document, primitive: Primitive, count: int) -> Integers
 def _influences(rows: dict[str, Floats]) -> tuple[Integers, Floats, Booleans]:
     """(n, s) joints and (n, s) weights of all sets, the largest first; joints without weight are 0.
 
-    Where all weights are zero, which glTF leaves undefined, the first joint has a weight of one, as when Blender
-    imports the file; the last array (n,) marks these vertices.
+    If all weights of a vertex are zero, which glTF leaves undefined, its first joint gets a weight of one, as in
+    Blender's importer. The last array (n,) marks these vertices.
     """
     count = len(rows["POSITION"])
     sets = [number for number in range(len(rows)) if f"JOINTS_{number}" in rows and f"WEIGHTS_{number}" in rows]

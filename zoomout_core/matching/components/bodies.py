@@ -24,7 +24,8 @@ from zoomout_core.tuning import Tuning, tuned
 class BodyTuning(Tuning, set_by="characters"):
     """Which bodies to try, by the part of the hull that the main part covers."""
 
-    # From this coverage on, only the main part is matched, because a hull adds nothing, as for a body without its eyes.
+    # From this coverage on, only the main part is matched, because a hull adds nothing, such as to a body without its
+    # eyes.
     all_of_body: float = tuned(0.98, "1", 0, 1)
     whole_body: float = tuned(0.9, "1", 0, 1)  # from this coverage on, the main part is tried first
     # If the main parts' shares of the two outsides differ by more than this, one surface shows hair, shoes or glasses
@@ -77,6 +78,6 @@ def find_bodies(source: Surface, target: Surface, seed: int) -> list[Bodies]:
 
 
 def tight_bodies(source: Surface, target: Surface, shares: Floats) -> Bodies:
-    """Hulls that separate limbs that touch, for pairs that other bodies match with doubt; `shares` as theirs."""
+    """Hulls that separate touching limbs, for pairs that other bodies match with doubt; `shares` as theirs."""
     hulls = for_each(partial(cached_hull, tight=True), (source, target))
     return Bodies(hulls[0], hulls[1], 1.0, shares)

@@ -39,7 +39,7 @@ class BoundaryLoop:
 
 
 def loops_on_loops(part: Part, partner: Part) -> Floats:
-    """(n, 3) a part's points, moved so that its boundary loops lie on those of its partner; the rest follows."""
+    """(n, 3) a part's points, moved so that its boundary loops coincide with those of its partner; the rest follows."""
     ours, theirs = boundary_loops(part), boundary_loops(partner)
     if not ours or not theirs:
         return part.points

@@ -89,7 +89,7 @@ def map_components(pair: Pair, body: SurfaceMap, confidence: Floats) -> Componen
 
 
 def _is_visible(part: Part, pair: Pair, source: Side) -> bool:
-    """Whether the source's outside shows a part, and another surface may, too."""
+    """Whether a part is visible on the source's outside, and may be visible on another surface."""
     visible = np.flatnonzero(pair.shares >= VERDICT.visible)
     return pair.source is not pair.target and source.mesh.component[part.vertices[0]] in visible
 
@@ -208,7 +208,7 @@ def _onto_pieces(
 def _correct_towards(part: Part, partner: Part) -> Floats:
     """(n, 3) a part's points, corrected by its partner for errors of the body's map.
 
-    A small part takes its partner's centre and size, the boundary loops of a large one those of its partner.
+    A small part takes the centre and size of its partner; a large one moves its boundary loops to those of its partner.
     """
     if part.size < MIN_DEFORMABLE_SIZE:
         return (part.points - part.centre) * (partner.size / max(part.size, 1e-12)) + partner.centre
@@ -226,8 +226,8 @@ def _onto(
 ) -> tuple[Image, Floats]:
     """The closest points of some pieces of the source, in place and normal, and (n,) the distances to them.
 
-    Vertices (n,) of the target, of a part of some size, lie at `points` (n, 3) on the source, with `normals` (n, 3);
-    an exact fit has confidence `most`.
+    The part's vertices (n,) have the places `points` (n, 3) and the normals `normals` (n, 3) on the source. An exact
+    fit has confidence `most`.
     """
     first = np.cumsum([0] + [len(piece.vertices) for piece in pieces])
     positions = np.concatenate([piece.points for piece in pieces])
@@ -249,7 +249,7 @@ def _onto(
 
 
 def _onto_all(parts: Sequence[Part], source: Side) -> list[Image]:
-    """The closest points of all loose parts of the source together, of those parts that lie there."""
+    """The closest points of all loose parts of the source together that are there."""
     if not parts:
         return []
     triangles = np.flatnonzero(source.loose[source.mesh.triangles[:, 0]])
@@ -267,7 +267,7 @@ def _onto_all(parts: Sequence[Part], source: Side) -> list[Image]:
 
 
 def _fits(part: Part, residual: Floats) -> bool:
-    """Whether a part lies where its image is, distances (n,) away."""
+    """Whether a part coincides with its image, which is at distances (n,)."""
     return float(np.sqrt(part.weights @ residual**2)) <= SAME_PLACE_DISTANCE * (part.size + BODY_MAP_ERROR)
 
 
@@ -277,5 +277,5 @@ def _confidence(most: float, residual: Floats) -> Floats:
 
 
 def _beside_body(image: Image, around: Floats) -> Image:
-    """An image whose confidence owes as much to the body around it, (n,) for all vertices, as to its own fit."""
+    """An image whose confidence depends equally on its own fit and on the body around it, (n,) for all vertices."""
     return replace(image, confidence=np.sqrt(image.confidence * around[image.vertices]))

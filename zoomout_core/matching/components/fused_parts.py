@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Find loose parts of the source that the target shows fused with its body, such as the horns of a remeshed cow.
 
-The body's map sends them to the body around the part. There, the target is registered to the source's outside by
-iterated closest points, both ways: Besl and McKay, A method for registration of 3-D shapes (1992). The target has the
-part if its shape fits the part closely, the part fits it, and the body beside the part does not.
+The body's map sends them to the body around the part. The target is registered there to the source's outside by
+iterated closest points in both directions: Besl and McKay, A method for registration of 3-D shapes (1992). The target
+has the part if its shape fits the part closely, the part fits it, and the body beside the part does not.
 
 Lengths are at unit area of the source's body.
 """
@@ -52,8 +52,8 @@ MAX_SCALE = 1.35
 class FusedPartTuning(Tuning, set_by="everywhere"):
     """When a target has a part of the source fused with its body."""
 
-    # Root mean square distance between part and target, both ways. Horns and eyes of remeshed animals, the same or of
-    # another species, have at most .21, a very small one .26; animals without them, but with ears there, .36 and more.
+    # Root mean square distance between part and target, both ways. Horns and eyes of remeshed animals of the same or
+    # another species have at most .21, a very small one .26. Animals that have ears there instead have .36 and more.
     residual: float = tuned(0.28, "sizes of the part", 0, 1)
     # Ratio of the distance of the target's patch from the body to that from the part: flush parts have about 1, horns
     # and eyes 3.7 and more.
@@ -82,7 +82,7 @@ class _Cloud:
 
     @cached_property
     def rows(self) -> Floats:
-        """(n, 6) coordinates in which closest points also face alike."""
+        """(n, 6) coordinates in which closest points also have similar normals."""
         return np.hstack([self.points, self.weight * self.normals])
 
     @cached_property
@@ -104,9 +104,9 @@ class _Cloud:
 def find_fused(
     pair: Pair, images: Floats, motion: SimilarityField, source: Side, target: Side, parts: Mapping[int, Part]
 ) -> dict[int, FusedPart]:
-    """Those of the source's parts, by number, that are fused with the target's body.
+    """Find the parts of the source, by number, that are fused with the target's body.
 
-    The images (b, 3) of the body's vertices lie on the source's body, and its motion follows from them.
+    The images (b, 3) of the body's vertices are on the source's body, and determine its motion.
     """
     if not parts:
         return {}
@@ -193,7 +193,7 @@ def _find_part(
 
 
 def _register(ours: _Cloud, theirs: _Cloud, part: _Cloud, images: Floats, handedness: float) -> Similarities:
-    """Move points of the target, whose images (n, 3) lie on the source's body, onto its body and its part."""
+    """Move points of the target, whose images (n, 3) are on the source's body, onto its body and its part."""
     weights = np.ones(len(images))
     for _ in range(MAP_ROUNDS):
         motion = procrustes(ours.points, images, weights, handedness)
@@ -212,14 +212,14 @@ def _register(ours: _Cloud, theirs: _Cloud, part: _Cloud, images: Floats, handed
 
 
 def _rms_distance(some: _Cloud, others: _Cloud) -> float:
-    """Root mean square distance from points to those of others that are closest."""
+    """Root mean square distance from points to the closest ones of others."""
     return float(np.sqrt(np.mean(np.square(some.distances(others)))))
 
 
 def _lies_on_body(patch: _Cloud, off: float, source: Side, reach: float, tree: cKDTree) -> bool:
-    """Whether the source's body fits a patch as well as the part does, from which it is `off`.
+    """Whether the source's body fits a patch as well as the part does, whose distances to it are `off`.
 
-    The body goes on below the part. Everything that is near the tree's points, the visible ones of the part, counts.
+    The body continues below the part. Everything near the points of the tree, the part's visible ones, counts.
     """
     triangles = source.mesh.oriented_triangles[~source.loose[source.mesh.triangles[:, 0]]]
     triangles = triangles[_within(reach, tree, source.points)[triangles].any(axis=1)]

@@ -16,8 +16,8 @@ from zoomout_core.mesh.voxel_remesh import voxel_remesh
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.tuning import Tuning, tuned
 
-# A component whose mean normal is shorter than this encloses nearly all of its volume, which tells its outside: strands
-# of hair with open ends have 0.01 to 0.07, and may lie with either side to the hull.
+# A component whose mean normal is shorter than this encloses nearly all of its volume, which determines its outside.
+# Strands of hair with open ends have 0.01 to 0.07, and either of their sides may face the hull.
 NEARLY_CLOSED = 0.1
 # Samples of a surface and of its hull by which it is known what is outside: glasses get some dozens.
 OUTSIDE_POINTS = 40_000
@@ -42,7 +42,7 @@ def hull_of(surface: Surface, tight: bool = False) -> WorkingMesh:
     """One closed hull around a surface; `vertex_of` is the hull's vertex nearest to each of the surface's.
 
     Its grid is aligned with the surface's principal axes, so that it turns with the surface. A tight hull has a finer
-    grid and lies a little below the surface: it separates limbs that touch, and loses thin parts.
+    grid and is slightly below the surface: it separates limbs that touch, and loses thin parts.
     """
     mesh = surface.working
     axes = _principal_axes(mesh)

@@ -42,8 +42,8 @@ OF_ONE = {
 }
 
 
-# Tolerance of the point of the body that is nearest to a vertex without an image, at unit area: on fine meshes, loose
-# flecks are far from many triangles that are about equally close.
+# Tolerance, at unit area, in the search for the body's point nearest to a vertex without an image. On fine meshes,
+# loose flecks are about equally far from many triangles.
 BESIDE_TOLERANCE = 0.01
 
 
@@ -77,7 +77,7 @@ def lift(pair: Pair, fit: Fit, confidence: Floats, partners: Partners) -> Lifted
 def _join(
     pair: Pair, body: SurfaceMap, confidence: Floats, loose: ComponentMap
 ) -> tuple[SurfaceMap, Floats, Booleans, Booleans]:
-    """Join the map between two bodies' full meshes, with its confidence (n,), and that of the loose parts.
+    """Join the map between two bodies' full meshes, with its confidence (n,), and the map of the loose parts.
 
     Returns:
         The map between the surfaces, (n_t,) its confidence, and (n_t,) the vertices on the body and on mapped parts;

@@ -29,7 +29,8 @@ class OverlapTuning(Tuning, set_by="characters"):
     # Maximum part of a surface's area that does not overlap: it is at most 0.05 on pairs in one pose, and at least
     # 0.18 on all others.
     max_elsewhere: float = tuned(0.06, "1", 0, 1)
-    # A target of which more lies on the source, nearer than this, overlaps a source that has more: a piece in place.
+    # A target of which a larger share is nearer than this to the source overlaps a source that has more: a piece in
+    # place.
     lies_on: float = tuned(0.01, "longest extents", 0, 1)
     stays: float = tuned(0.1, "at unit area", 0, 1)  # a map leaves points in place that it moves by less than this
     mostly: float = tuned(0.85, "1", 0, 1)  # a map that leaves more of the area in place leaves all of it in place
@@ -56,8 +57,8 @@ class _Outline(NamedTuple):
 def overlapping(pair: Pair) -> Floats | None:
     """(n_t, 3) the target shape's vertices where they are in space, in the source part's frame, if the two overlap.
 
-    Nearly all of both surfaces is near the other one then, or the target lies on the source, which may have more. Hulls
-    stand for their whole surfaces, because they lack pieces that are too far away to be joined.
+    Nearly all of both surfaces is near the other one then, or the target coincides with a part of the source, which may
+    have more. Hulls stand for their whole surfaces, because they lack pieces that are too far away to be joined.
     """
     source, target = pair.source_shape, pair.target_shape
     here, there = target_in_space(pair)[target.proxy.full_vertex], source.proxy.vertices

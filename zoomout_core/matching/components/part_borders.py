@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Clean borders between the parts of a source that a target receives from.
 
-Each vertex maps to the nearest part, moved by its rigid pieces. Where two parts are about equally near, as hair and
-scalp or the two sides of a joint are, errors of a voxel decide: borders zigzag, and flecks of the one remain in the
-other.
+Each vertex maps to the nearest part, moved by its rigid pieces. Where two parts are about equally near, such as hair
+and scalp or the two sides of a joint, errors of a voxel decide between them: borders zigzag, and flecks of one part
+remain in the other.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ class PartBorderTuning(Tuning, set_by="everywhere"):
 
     # A fleck of this radius disappears if the part around it is farther away by at most twice this distance.
     straightening: float = tuned(0.001, "at unit area", 1e-6, 1)
-    # By how much nearer a part without a motion of its own must be to a vertex of a rigid piece: the body's map moves
-    # it there in any case, and the rigid piece's place is exact.
+    # Distance by which a part without its own motion must be nearer to a vertex than the rigid piece there. The body's
+    # map moves such a part there in any case, whereas the place of the rigid piece is exact.
     body_error: float = tuned(0.01, "at unit area", 0, 1)
 
 
@@ -53,7 +53,7 @@ def straighten_borders(
 
     Args:
         triangle: (n,) the triangle of the source that each vertex of the target maps to.
-        distance: (n,) how far the vertex is from it, moved to the source by the body's map.
+        distance: (n,) distance of the vertex from it, after it is moved to the source by the body's map.
         movable: (n,) which vertices may map to another place.
         motions: of the parts.
         surface: the triangles of the source that they may map to, grouped by part.

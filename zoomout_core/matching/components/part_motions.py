@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Motions of the rigid pieces of a source: plates of a robot, boots, strands of hair, the trunk and sleeves of a shirt.
 
-The body's map bends smoothly at a joint, where plates slide over each other and clothes bend sharply. Each part is
-registered to the vertices that map to it, by iterated closest points: Besl and McKay, A method for registration of 3-D
-shapes (1992). A part that bends is divided into pieces by place and rotation: Ward, Hierarchical grouping to optimize
-an objective function (1963).
+The body's map bends smoothly at a joint, where plates slide over each other and clothes bend sharply. Iterated closest
+points register each part to the vertices that map to it: Besl and McKay, A method for registration of 3-D shapes
+(1992). A part that bends is divided into pieces by place and rotation: Ward, Hierarchical grouping to optimize an
+objective function (1963).
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ PART_MOTIONS = PartMotionTuning()
 
 @dataclass(frozen=True, eq=False)
 class PartMotions:
-    """Where the vertices of a target lie on the source, by the part that they belong to."""
+    """Places of a target's vertices on the source, by the part that they belong to."""
 
     target: Side
     points: Floats  # (n, 3) by the body's map
@@ -219,7 +219,7 @@ def _divide(vertex: Integers, part: Integers, points: Floats, motion: Similarity
 
 
 def _choose_samples(part: Integers, points: Floats, usable: Integers, count: int, most: int) -> Integers:
-    """Some of the usable vertices of each part (n,), at most `most`, by part; none of parts with few.
+    """Choose at most `most` usable vertices of each part (n,), by part, and none of parts with few.
 
     They are evenly spread over the distances from the part's centre, in any order of vertices.
     """

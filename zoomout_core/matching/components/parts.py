@@ -112,7 +112,7 @@ class Side:
 
     @classmethod
     def of(cls, surface: Surface, body: WorkingMesh) -> Side:
-        """A surface and its body: one of its parts, or the hull around it, whose frame is taken then."""
+        """A surface and its body: one of its parts, or the hull around it. The frame is that of the body."""
         mesh = surface.working
         areas = vertex_areas(mesh.vertices, mesh.triangles)
         areas = np.maximum(areas, 1e-9 * areas.mean())
@@ -123,7 +123,7 @@ class Side:
 
     @property
     def body(self) -> int:
-        """The number of the component that is the body, or -1 where none is."""
+        """The number of the component that is the body, or -1 for a hull."""
         return int(self.mesh.component[self.body_vertices[0]]) if len(self.body_vertices) else -1
 
     @cached_property
@@ -142,7 +142,7 @@ class Side:
         ]
 
     def members(self, regions: Sequence[Integers]) -> Booleans:
-        """(p, r) which loose parts lie, for the most part, in which regions, given by the surface's vertices."""
+        """(p, r) which loose parts are mostly in which regions, given by the surface's vertices."""
         count = np.bincount(self.mesh.component)
         inside = np.zeros((len(count), len(regions)), dtype=bool)
         for number, region in enumerate(regions):
@@ -157,8 +157,8 @@ def pair_parts(
 ) -> tuple[dict[int, int], Floats]:
     """Pair parts of the target, moved to the source with the body, and parts of the source one to one.
 
-    `of_target` (p, r) and `of_source` (q, r) tell which parts lie in which regions. Returns the number of the source's
-    part by that of the target's, and (p, q) misfits, infinite if regions exclude a pair.
+    `of_target` (p, r) and `of_source` (q, r) are masks of the regions that contain each part. Returns the number of the
+    source's part by that of the target's, and (p, q) misfits, infinite if regions exclude a pair.
     """
     place, size = _apart(target, source)
     rough = np.minimum(place, 2 * MAX_MISFIT) + size

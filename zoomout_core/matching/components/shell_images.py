@@ -40,9 +40,9 @@ class ShellImageTuning(Tuning, set_by="characters"):
     # A part covered by another one, as a body by clothes, must be nearer by this. Covered joints show in other poses.
     cover: float = tuned(0.015, "at unit area", 0, 1)
     inner_reach: float = tuned(0.05, "at unit area", 0, 1)  # distance up to which inner vertices map to inner parts
-    # Vertices in place that are nearer to a triangle lie on it, whichever side of it is outside.
+    # Vertices that are nearer than this to a triangle are on it, whichever side of it is outside.
     lies_on: float = tuned(0.004, "at unit area", 0, 1)
-    flush: float = tuned(0.015, "at unit area", 0, 1)  # a shell lies on its partner if half of it is nearer
+    flush: float = tuned(0.015, "at unit area", 0, 1)  # a shell coincides with its partner if half of it is nearer
 
 
 SHELL_IMAGES = ShellImageTuning()
@@ -63,7 +63,7 @@ def near_hull(side: Side, shape: ShapeAnalysis) -> Booleans:
 
 
 def find_covered(side: Side, outside: Booleans) -> Booleans:
-    """(n,) which of the vertices near the hull (n,) are below another part, as a body is below a shirt."""
+    """(n,) which of the vertices near the hull (n,) are below another part, such as a body below a shirt."""
     component, triangles = side.mesh.component, side.mesh.triangles
     covered = np.zeros(len(outside), dtype=bool)
     if component.max() == 0:
@@ -90,8 +90,8 @@ def find_beneath(
     """Closest points of the source to points (n, 3) with normals (n, 3) of the target, moved there.
 
     Outer vertices, by `of_source` (n_s,) and `of_target` (n,), map to outer triangles, inner vertices to inner ones.
-    Surfaces that overlap in place are exact where they lie on each other: there, vertices map to any triangle, because
-    the hull also covers creases, such as those of a braid.
+    Where surfaces coincide, nearest points are exact. Vertices map to any triangle there, because the hull also covers
+    creases, such as those of a braid.
     """
     triangles = source.mesh.triangles
     outer = of_source[triangles].any(axis=1)
@@ -99,7 +99,7 @@ def find_beneath(
     distance = np.zeros(len(points))
 
     def look(vertices: Integers, among: Integers, reach: float) -> Integers:
-        """Map vertices to some triangles; returns the vertices that are farther from them than the reach."""
+        """Map vertices to some triangles; returns the vertices that are beyond the reach."""
         if not len(vertices) or not len(among):
             return vertices
         surface = OrientedSurface(
@@ -176,7 +176,7 @@ def map_onto_partner(
     partner: int,  # number of its partner
     similarity: Similarities,  # that registers the one with the other
     scale: float,  # of the body against the source's, by which lengths should change
-    stays: bool,  # whether the body stays in place, and with it a shell that lies on its partner there
+    stays: bool,  # whether the body stays in place, and with it a shell that coincides with its partner there
     normals: Floats,  # (n, 3) of all vertices of the target, where the body's map turns them
     shells: OrientedSurface,  # of the source
     source: Side,  # that they are shells of

@@ -47,7 +47,8 @@ def pair_shells(
     flat = here.sparse.reshape(-1, 3)
     moved = carry_in_blocks(motion, flat, np.zeros_like(flat))[0].reshape(here.sparse.shape)
     prior = procrustes(here.sparse, moved, None, motion.handedness)  # how the body moves each shell
-    # Only pairs that regions exclude: a bonus for shared regions would pair a left shoe with a right one, both shoes.
+    # Regions only exclude pairs. A bonus for shared regions would pair a left shoe with a right one, because both are
+    # shoes.
     strangers = np.isinf(
         relation_of(
             target.members([of_target for _, of_target in pair.regions])[: len(ours)],
@@ -69,7 +70,7 @@ def pair_shells(
 
 
 def _rivals(here: Shells, there: Shells, prior: Similarities, strangers: Booleans) -> tuple[Integers, Integers]:
-    """Pairs (q,), (q,) of shells that are near each other and of like size, and may be registered.
+    """Pairs (q,), (q,) of shells that are near each other, of similar size, and may be registered.
 
     `prior` are the motions of the target's shells with the body, `strangers` (n_t, n_s) pairs that may not be.
     """

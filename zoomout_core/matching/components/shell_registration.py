@@ -41,7 +41,7 @@ SHELL_ICP = ShellIcpTuning()
 
 @dataclass(frozen=True, eq=False)
 class Shells:
-    """Points on several shells, to look for the nearest among those of one of them."""
+    """Points on several shells, for searches of the nearest point of one of them."""
 
     dense: Floats  # (p, d, 3)
 
@@ -90,7 +90,7 @@ def register_shells(
     """Register shells (q,) of the target with shells (q,) of the source, given by their numbers.
 
     The body's map moves the target's shells by `prior` (p,), and mirrors them if `handedness` is -1. Returns (q,) the
-    similarities, and (q,) root mean square distances, both ways, that they leave.
+    similarities, and (q,) the remaining root mean square distances in both directions.
     """
     start = prior[of_target]
     scales = start.scale / SHELL_ICP.max_scale, start.scale * SHELL_ICP.max_scale

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Extend the map between two hulls to the shells inside them.
 
-The hulls' map moves all shells. A shell of the target with a partner on the source is registered to it by a
-similarity; all others map to the nearest points of the source, outer parts to outer parts.
+The hulls' map moves all shells. A shell of the target that has a partner on the source is registered to it by a
+similarity. All others map to the nearest points of the source, outer parts to outer parts.
 
 Lengths are at unit area of the hull.
 """
@@ -47,8 +47,8 @@ APART_TOLERANCE = 0.01
 class ShellTuning(Tuning, set_by="characters"):
     """Where shells move, and the confidence in their images."""
 
-    # Where the fit of the hulls is rejected, but their map has less confidence, the fit moves shells anyway: it
-    # goes along with its surroundings, while the map may have exchanged the toes of a foot.
+    # Where the fit of the hulls was rejected, but their map has less confidence than this, the fit moves shells anyway.
+    # The fit follows its surroundings, whereas the map may have exchanged the toes of a foot.
     doubtful: float = tuned(0.3, "1", 0, 1)
     half_distance: float = tuned(0.045, "at unit area", 1e-6, 1)  # off the hulls' map that halves the confidence
     # Vertices farther from their shell's partner keep their image by the body's map. Below 0.15, parts of robots of

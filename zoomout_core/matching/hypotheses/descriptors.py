@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Hypotheses from descriptors of both shapes: signatures, and pseudo-scalars, which distinguish left from right.
 
-A functional map is fitted to the descriptors by least squares, with a penalty off the diagonal (Ovsjanikov et al.
-2012), which is the resolvent mask of Ren et al. (2019). Each row of the map is a small linear system. With the opposite
+A functional map is fitted to the descriptors by least squares, with a penalty on entries off the diagonal (Ovsjanikov
+et al. 2012): the resolvent mask of Ren et al. (2019). Each row of the map is a small linear system. With the opposite
 sign of the pseudo-scalars, the same fit yields mirror images.
 """
 

@@ -41,8 +41,8 @@ class ExtremityTuning(Tuning, set_by="correspondence"):
     persistence: float = tuned(0.09, "at unit area", 0, 2)
     min_count: int = tuned(3, "extremities", 2, 30)  # minimum number of extremities for pairing
     max_count: int = tuned(12, "extremities", 2, 30)  # maximum number of extremities of a shape
-    # Numbers of pairings to try of all extremities, and of all but one, two and three: if only one shape has a limb,
-    # the right pairing is one of many.
+    # Numbers of pairings to try that pair all extremities, all but one, all but two and all but three. If only one
+    # shape has a limb, the right pairing is one of many.
     quotas: tuple[int, ...] = tuned((60, 30, 15, 8), "pairings", 0, 10_000)
     average_cost: float = tuned(0.5, "1", 0, 100)  # of differences of average distances, against those of pairs
     persistence_cost: float = tuned(0.5, "1", 0, 100)  # cost of a difference of persistence
@@ -110,8 +110,8 @@ def more_extremity_hypotheses(
 ) -> list[Hypothesis]:
     """Further maps if no map is likely: from more pairings, and from pairings of tips of lower persistence.
 
-    Other species have limbs, ears and snouts of other lengths, so the right pairing may not be among those preserving
-    distances best, or one of its tips is not an extremity.
+    Other species have limbs, ears and snouts of other lengths. The right pairing may then not be among those that
+    preserve distances best, or one of its tips may not be an extremity.
     """
     sides, lesser = _sides(source, target), partial(_extremities, least=EXTREMITIES.lesser_persistence)
     usual = EXTREMITIES.kept_consistent, EXTREMITIES.kept
@@ -247,8 +247,8 @@ def pairings(first: Extremities, second: Extremities) -> list[tuple[Integers, In
 def cheapest_pairings(single: Floats, mutual: Floats, size: int) -> tuple[Integers, Integers]:
     """Pairings of some elements of two sets, by rising cost; a beam search, exact where the sets are small.
 
-    The cost of `size` pairs is the mean of their costs `single` (a, b), plus the mean of `mutual` (a, b, a, b) over
-    each two of them. Returns (p, size) elements of the first set, in rising order, and (p, size) their partners.
+    The cost of `size` pairs is the mean of their costs `single` (a, b), plus the mean of `mutual` (a, b, a, b) over all
+    two of them. Returns (p, size) elements of the first set, in rising order, and (p, size) their partners.
     """
     a, b = single.shape
     width = EXTREMITIES.beam // (a * b)

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Measures of a shape that may lack pieces: absolute lengths, and distances to the nearest cut.
 
-No measure is relative to the whole: cuts change the area, mean distances and spectra. Both shapes of a pair have one
-unit, and a measure is used only if no cut can have changed it: a geodesic distance is valid if the path past any cut is
-longer, and the area around a place is valid up to the nearest cut.
+No measure is relative to the whole: cuts change the area, mean distances and spectra. Both shapes of a pair have the
+same unit. A measure is used only if no cut can have changed it. A geodesic distance is valid if every path by way of a
+cut is longer, and the area around a place is valid up to the nearest cut.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class IncompleteShapeTuning(Tuning, set_by="partial"):
 
     loop: float = tuned(0.05, "length", 0, 10)  # a piece may be missing at longer borders; eyes of scans are shorter
     # Total length of these borders, relative to the square root of the shape's area, above which a large piece may be
-    # missing (in the table: cats' eyes and mouths at most 0.16, cuts at least 0.85).
+    # missing. Eyes and mouths of cats have at most 0.16, cuts at least 0.85.
     fragment: float = tuned(0.4, "1", 0, 100)
     # Radii of the balls whose areas are compared.
     radii: tuple[float, ...] = tuned(tuple(np.geomspace(0.04, 0.8, 20).round(4).tolist()), "length", 1e-3, 10)
@@ -119,8 +119,8 @@ class IncompleteShape:
 def unlikeness(of_target: IncompleteShape, of_source: IncompleteShape) -> Floats:
     """(d_t, d_s) how unlike the surroundings of two places are, in [0, 1].
 
-    Mean difference of the logarithms of the areas within each radius, at most 1. Where a cut reaches one of the balls
-    it is only known to be too small, so that only its excess counts; where cuts reach both nothing is known.
+    Mean difference of the logarithms of the areas within each radius, at most 1. Where a cut reaches one of the balls,
+    its area is only known to be too small, so that only its excess counts. Where cuts reach both, nothing is known.
     """
     radii = np.array(INCOMPLETE.radii)
     is_cut, is_cut_there = (radii > shape.cut_distance[:, None] for shape in (of_target, of_source))

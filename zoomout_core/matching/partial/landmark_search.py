@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Beam search for a few landmarks of one shape on another one that may lack pieces.
 
-The landmarks of a part are far from its cuts and from each other. They are placed one after another on places of the
-other shape so that the distances between them and the areas around them are preserved; each step keeps the best
-assignments. Mirrored assignments are among them, and are rejected later by the fit of normals.
+The landmarks of a part are far from its cuts and from each other. They are assigned one after another to places of the
+other shape that preserve the distances between them and the areas around them. Each step keeps the best assignments.
+Mirrored assignments are among them, and are rejected later by the fit of normals.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from zoomout_core.tuning import Tuning, tuned
 class LandmarkSearchTuning(Tuning, set_by="partial"):
     """The landmarks, and the costs of assignments; lengths are those of the larger shape at unit area."""
 
-    # Weight of the mean distance to all places relative to the distance to a cut, in the choice of the first landmark,
-    # which is a tip.
+    # In the choice of the first landmark, a tip: weight of the mean distance to all places, relative to the distance to
+    # a cut.
     mean_distance: float = tuned(0.3, "1", 0, 10)
     near_cut: float = tuned(0.1, "1", 1e-6, 10)  # sufficient distance to a cut, over the root of the area
     min_weight: float = tuned(0.3, "1", 0, 1)  # weight of a place on a cut, in the choice of the others

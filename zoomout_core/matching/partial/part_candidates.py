@@ -36,8 +36,9 @@ class PartCandidateTuning(Tuning, set_by="partial"):
     same_map: float = tuned(0.05, "length", 0, 10)  # mean distance of images below which two maps are the same
     registered: int = tuned(12, "maps", 1, 1000)  # most promising maps, by which the part is registered coarsely
     compared: int = tuned(4, "maps", 1, 1000)  # number of these by which it is registered finely
-    # Number of maps of either search between two fragments that are registered again. Without this a right map of seven
-    # pairs of animals is lost (fits of -2.75 and -2.63 become -2.62 and -2.81); no third map becomes the first one.
+    # Number of maps of either search between two fragments that are registered again. Without this, one right map of
+    # seven pairs of animals is lost (fits of -2.75 and -2.63 become -2.62 and -2.81). No third map becomes the first
+    # one.
     registered_again: int = tuned(2, "maps", 0, 1000)
     surroundings: float = tuned(0.2, "length", 1e-3, 10)  # Gaussian width of surroundings that rotate together
     near_cut: float = tuned(0.02, "length", 0, 10)  # places may have no partner if their images are nearer to a cut
@@ -103,7 +104,7 @@ def part_candidates(
 
 
 def _by_fit(candidates: Sequence[PartCandidate], upright: bool = False) -> list[PartCandidate]:
-    """Candidates by their fit, and by how far they turn what is up if that is evidence."""
+    """Candidates by their fit, and by the rotation of the up axis if that is evidence."""
 
     def cost(one: PartCandidate) -> float:
         return one.scores["fit"] + (EVIDENCE_WEIGHTS[UPRIGHT] * one.scores[UPRIGHT] if upright else 0.0)

@@ -39,15 +39,15 @@ class PartMatchTuning(Tuning, set_by="partial"):
     90 %, of which 24 were right: feet fit on hands.
     """
 
-    # Maps of wholes below it are tried as parts. At .8 a person with missing pieces keeps its map as a whole, at a
-    # certainty of .88 and an error of 68 (x 1000); as a part these are .96 and 22. The other 27 pairs with cuts, holes
-    # and missing pieces stay the same.
+    # Maps of wholes below it are tried as parts. At .8, a person with missing pieces keeps its map as a whole, with a
+    # certainty of .88 and an error of 68 (x 1000). As a part it has .96 and 22. The other 27 pairs with cuts, holes and
+    # missing pieces stay the same.
     uncertain: float = tuned(0.95, "probability", 0, 1)
-    # Minimum certainty of a part: whole dinosaurs of other species, at 3 % either way, have nine of ten limbs right as
-    # wholes, and two or four as parts.
+    # Minimum certainty of a part. Whole dinosaurs of other species have a certainty of 3 % both ways; nine of ten limbs
+    # are right as wholes, and two or four as parts.
     likely: float = tuned(0.15, "probability", 0, 1)
-    # Ratio of the areas from which the map of whole shapes is kept if both are the same map: it is more exact then (a
-    # body in a fight, 21 against 28), and less exact if much is missing (two people, both cut, 73 against 29).
+    # Ratio of the areas above which the map of whole shapes is kept if both methods find the same map. It is more exact
+    # then (a fighting body: 21 against 28), but less exact if much is missing (two people, both cut: 73 against 29).
     nearly_whole: float = tuned(0.8, "1", 0, 1)
     # Ratio of the scales of two shapes beyond which their units differ: a hand is 7 to 10 times smaller than its body,
     # and a foot 5 to 7.
@@ -63,8 +63,9 @@ class PartMatchTuning(Tuning, set_by="partial"):
 
 
 PART_MATCH = PartMatchTuning()
-# The schedules for the map of two fragments, for one that is placed rigidly, and before it. Nothing pulls what has no
-# partner: by a small weight, all of it would come to lie on the other fragment, where it hides the true partners.
+# The schedules for the map of two fragments, for one that is placed rigidly, and before it. Vertices without a partner
+# are not attracted at all. Even a small weight would pull all of them onto the other fragment, where they hide the true
+# partners.
 PLACED_SCHEDULE = tuple(level._replace(min_weight=0.0) for level in PART_REGISTRATION.placed)
 FRAGMENT_SCHEDULE = tuple(level._replace(min_weight=0.0) for level in NONRIGID_SCHEDULE)
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Regions of a whole from which a small part, such as a hand, may have been cut.
 
-Samples of the whole are too coarse for a hand. Each region has the size of the part, is analysed on the whole's own
-mesh, and is compared with the part in a unit in which the part has the area of a usual part.
+Samples of the whole are too coarse for a hand. Each region has the size of the part and is analysed on the mesh of the
+whole. Both are compared in a unit in which the part has a typical area.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ class RegionTuning(Tuning, set_by="small_parts"):
     """Which parts are small, in which regions of a whole they are searched for, and the certainty of their places.
 
     The certainty was fitted to 118 small parts of 14 kinds: hands, feet, heads, arms, paws and tails of people and
-    animals; each was also used without its right maps, at a quarter of the weight. In cross-validation over kinds, 38
-    of 39 maps above 90 % were right (the other one is a cat's right paw on its left one); of 96 parts without their
+    animals. Each was also used without its right maps, with a quarter of the weight. In cross-validation over kinds, 38
+    of 39 maps above 90 % were right; the other one maps a cat's right paw to its left one. Of 96 parts without their
     right maps, 4 were above 90 %. With the constants of larger parts these are 72 of 74, and 22 of 96.
     """
 
-    # Area of a part, relative to the whole's, below which it is searched for in regions: hands have 1 to 2 %, feet 2 to
-    # 5 %. Heads and arms, 6 to 10 %, are found without regions as well.
+    # Area of a part, relative to that of the whole, below which regions are searched for it. Hands have 1 to 2 %, feet
+    # 2 to 5 %. Heads and arms, 6 to 10 %, are found without regions as well.
     small: float = tuned(0.07, "1", 0, 1)
     part_area: float = tuned(0.4, "area", 0.01, 1)  # area of the part in the unit in which it is compared with a region
     max_count: int = tuned(6, "regions", 1, 1000)  # maximum number of regions
@@ -47,8 +47,8 @@ class RegionTuning(Tuning, set_by="small_parts"):
     rivalry: float = tuned(5.3, "1", 0, 100)  # rate at which the odds of a rival decrease with the lead in score
     misfit: float = tuned(4.65, "1", -100, 100)  # logarithm of the odds against a map whose fit is 0
     misfit_rate: float = tuned(1.3, "1", 0, 100)  # rate at which it increases with the fit
-    # Weight of the certainty of the map of both shapes as wholes relative to that of a small part: hands match whole
-    # bodies with up to 77 %, and bodies as small as hands match parts of others with at most 8 %.
+    # Weight of the certainty of the map of whole shapes, relative to that of a small part. Hands match whole bodies
+    # with a certainty of up to 77 %; bodies as small as hands match parts of others with at most 8 %.
     as_wholes: float = tuned(0.5, "1", 0, 1)
 
 

@@ -4,8 +4,8 @@
 Animals of other species have other distances between their landmarks, and two fragments may share no tip. But where
 they overlap, they are nearly in the same pose. For each of some rotations, pairs of places with similar normals vote
 for a shift (a Hough transform; Ballard, Generalizing the Hough transform to detect arbitrary shapes, 1981). The
-placements with the most votes are refined by rigid ICP (Besl and McKay, A method for registration of 3-D shapes, 1992),
-and ranked by the overlap. Unlike a map of all places, a placement does not pull what has no partner onto the other
+placements with the most votes are refined by rigid ICP (Besl and McKay, A method for registration of 3-D shapes, 1992)
+and ranked by their overlap. Unlike a map of all places, a placement does not pull what has no partner onto the other
 fragment.
 """
 
@@ -35,8 +35,8 @@ class RigidPlacementTuning(Tuning, set_by="official"):
 
 
 RIGID_PLACEMENTS = RigidPlacementTuning()
-# Votes are counted in cells of this width, about the distance between two places, and only those of pairs of places
-# whose normals have this cosine or more: the rotations tried are off by up to 15 degrees, and shapes differ.
+# Width of the cells in which votes are counted, about the distance between two places, and minimum cosine between the
+# normals of a pair that votes. The rotations tried are off by up to 15 degrees, and shapes differ.
 CELL, FACING = 0.1, 0.75
 # Cells of each rotation that become placements.
 CELLS_PER_ROTATION = 2
@@ -151,10 +151,10 @@ def _refine(rotation: Floats, shift: Floats, here: _Places, there: _Places, tree
 
 
 def _rank(placed: _Places, there: _Places, tree: cKDTree) -> tuple[float, Integers]:
-    """How little speaks for placed places, and (d_p,) the nearest places of the whole.
+    """The cost of placed places, and (d_p,) the nearest places of the whole.
 
-    Where a fragment is not near the other one, it has to be beyond a cut of that: the shares of the rest that overlap
-    count, both ways, and the area that overlaps.
+    Places of a fragment that are not near the other one must be beyond one of its cuts. The score combines, in both
+    directions, the overlapping share of the remaining area and the overlapping area itself.
     """
     overlaps, beyond, places = _overlap(placed, there, tree)
     back, beyond_back, _ = _overlap(there, placed, cKDTree(placed.with_normals()))

@@ -40,7 +40,7 @@ class UnknownScaleTuning(Tuning, set_by="partial"):
     small_scales: tuple[float, ...] = tuned((0.1, 0.14, 0.19), "1", 1e-3, 1)
     regions: int = tuned(2, "regions", 0, 100)  # of the part, which are searched for on their own to find its scale
     # Number of maps at each scale by which the part is registered coarsely. The right map is among the first four by
-    # promise on 16 of 16 pairs (people and cats), but only if scales do not compete: smaller parts promise more.
+    # promise on 16 of 16 pairs (people and cats), but only within one scale: smaller parts promise more.
     maps_per_scale: int = tuned(4, "maps", 1, 1000)
     compared: int = tuned(3, "scales", 1, 100)  # number of scales, fitted to their first maps, that are compared
     # A place at another scale is matched, too, if its certainty is at least this part of that of the best one: of a
@@ -49,8 +49,8 @@ class UnknownScaleTuning(Tuning, set_by="partial"):
     another_scale: float = tuned(1.1, "1", 1, 100)  # scales are different from this factor between them on
     far: float = tuned(0.15, "length", 0, 10)  # minimum distance between two places that contribute to the scale
     likely: float = tuned(0.5, "probability", 0, 1)  # higher, as the best of several scales is chosen
-    # Certainty of the map of two wholes from which no other unit is tried: with a piece missing, those of .57 and .88
-    # are off by 147 and 69 (x 1000), where the part in its own unit is off by 23 at .94 and .96.
+    # Certainty of the map of two wholes above which no other unit is tried. If a piece is missing, maps with .57 and
+    # .88 are off by 147 and 69 (x 1000), whereas the part in its own unit has .94 and .96 and is off by 23.
     certain: float = tuned(0.9, "probability", 0, 1)
     # Minimum scale of one of two fragments. At 0.33 a certainty of one half takes a fit of -4.5, which one of 16 pairs
     # of animals reaches in the same unit.
@@ -67,7 +67,7 @@ UNKNOWN_SCALE = UnknownScaleTuning()
 def match_at_unknown_scale(
     pair: Pair, disagreement: Callable[[Pair], Disagreement], certainty: float = 0.0
 ) -> tuple[Pair, list[Candidate]] | None:
-    """A pair in the unit in which one of two shapes, each in a unit of its own, fits best on the other as a part of it.
+    """Match two shapes of unknown units, one of which is a part of the other, in the unit in which the part fits best.
 
     Parts as small as hands are only searched for if neither a larger part nor the map found before, by its `certainty`,
     is likely. Returns the pair in one unit, in which the larger shape has unit area, and its candidates by certainty;

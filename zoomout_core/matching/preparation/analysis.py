@@ -28,8 +28,8 @@ from zoomout_core.tuning import Tuning, tuned
 
 # Pairs of a sample and a vertex whose distances are computed between two progress reports.
 VISITS = 100_000
-# Mean curvature, at unit area, that is due to rounding, as on a plane in single precision. It is that of a sphere whose
-# radius is a hundred times the square root of the area.
+# Mean curvature, at unit area, that is due to rounding, such as on a plane in single precision. It is that of a sphere
+# whose radius is a hundred times the square root of the area.
 FLAT_CURVATURE = 0.01
 
 

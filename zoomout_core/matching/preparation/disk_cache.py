@@ -73,7 +73,7 @@ class ShapeFolder:
         return shape
 
     def save(self, key: bytes, shape: ShapeAnalysis) -> None:
-        """Store a shape. Where that fails, as on a full disk, a warning is logged and nothing else happens."""
+        """Store a shape. If that fails, such as on a full disk, a warning is logged and nothing else happens."""
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
             with atomic_write(self._path(key)) as part:

@@ -42,7 +42,7 @@ class LandmarkFeatures:
     vertices: Integers  # (m,) of the shape's mesh
     distances: Floats  # (n, m) smoothed geodesic distances to them, at unit area
     # (n, t, t) pseudo-scalars of the distances of each two of the first t vertices, all or some, of unit deviation,
-    # antisymmetric: the sense in which the two places lie around a point, as seen from outside.
+    # antisymmetric: the sense in which the two places follow each other around a point, as seen from outside.
     turns: Floats
 
     def at(self, rows: Integers) -> LandmarkFeatures:
@@ -74,7 +74,7 @@ def landmark_features(shape: ShapeAnalysis, vertices: Integers, turning: int | N
     distances = shape.basis.smoothed(distances, LANDMARKS.distance_time)
     turning = len(vertices) if turning is None else min(turning, len(vertices))
     i, j = _each_two(turning)
-    upper = pseudo_scalars(shape.mesh, shape.basis.areas, distances[:, i], distances[:, j])
+    upper = pseudo_scalars(shape.mesh, shape.basis.areas, distances, i, j)
     upper = shape.basis.smoothed(upper, LANDMARKS.turn_time)
     upper /= np.maximum(upper.std(axis=0), 1e-12)
     turns = np.zeros((len(distances), turning, turning))

@@ -15,8 +15,8 @@ from zoomout_core.mesh.memory import NotEnoughMemoryError
 from zoomout_core.messages import enumeration, message
 from zoomout_core.runtime.memory import free_memory
 
-# A linear model of the bytes that a match takes, exact to a quarter for pairs of creatures of 5,000 to 300,000 vertices
-# with every detail: a constant, bytes per vertex, and bytes per value at a vertex of a proxy. A proxy has its
+# A linear model of the bytes that a match takes: a constant, bytes per vertex, and bytes per value at a vertex of a
+# proxy. It is exact to a quarter for pairs of creatures of 5,000 to 300,000 vertices, at every detail. A proxy has its
 # eigenfunctions, and distances and other data that count as MORE_FUNCTIONS further ones.
 CONSTANT, PER_VERTEX, PER_VALUE, MORE_FUNCTIONS = 40 << 20, 800, 44, 300
 GIB = 1 << 30

@@ -22,7 +22,7 @@ MIN_DIFFERENCE = 0.1
 EXCHANGE_DISTANCE = 0.05
 # Smallest ratio of height to width of an upright shape: above a dog's, below that of a person with outstretched arms.
 MIN_UPRIGHT_RATIO = 0.8
-# The exchanged limbs of an upright shape are arms, or legs, if at most this share of them lies on the other side of the
+# The exchanged limbs of an upright shape are arms, or legs, if at most this share of them is on the other side of the
 # middle.
 MAX_OTHER_HALF_SHARE = 0.25
 
@@ -78,7 +78,7 @@ def _of_whole(signs: Floats, here: Floats, center: Floats) -> str:
         return UPSIDE_DOWN
     if signs[0] == signs[1]:
         return AROUND
-    # The sides lie along that of both level axes along which the shape is most like its own reflection.
+    # The sides are along the horizontal axis along which the shape is most similar to its own reflection.
     tree = cKDTree(here)
     unlike = [float(np.mean(tree.query(2 * center * axis + here * (1 - 2 * axis))[0])) for axis in np.eye(3)[:2]]
     return SIDES if signs[int(np.argmin(unlike))] < 0 else FRONT

@@ -30,8 +30,8 @@ class FinishedMapTuning(Tuning, set_by="correspondence"):
     """Which candidates to refine before they are ranked, and how far."""
 
     most: int = tuned(3, "candidates", 2, 100)  # number of candidates that are refined at most; 4 rank no better
-    # Lag in score up to which candidates are refined. With margins of 1 to 1.5 as many right maps come first (84 of 85
-    # pairs), but with 1 only 81 % of them are above 90 % certainty, instead of 86 %.
+    # Lag in score up to which candidates are refined. With margins of 1 to 1.5, equally many right maps come first (84
+    # of 85 pairs). With 1, however, only 81 % of them are above 90 % certainty, instead of 86 %.
     margin: float = tuned(1.25, "1", 0, 100)
     size: int = tuned(120, "eigenfunctions", 4, 1000)  # size of the functional maps
 

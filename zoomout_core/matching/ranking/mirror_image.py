@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Whether the target of a match is a mirror image of its source, such as a left bone beside a right one.
 
-A match prefers maps that keep the orientation, so a left bone is mapped onto a right one in some wrong way, which looks
-about as good along the surface: a jaw is flat, and its inner face is mapped to the outer one. The deformation of space
-along that map is far from smooth, however, and that along the mirror image is smooth.
+A match prefers maps that keep the orientation, so a left bone is mapped to a right one in a wrong way that fits about
+as well along the surface. A jaw, for example, is flat, and its inner face is mapped to the outer one. The deformation
+of space along that map is far from smooth, however, and that along the mirror image is smooth.
 """
 
 from __future__ import annotations

@@ -68,15 +68,16 @@ RANKING = RankingTuning()
 class CertaintyTuning(Tuning, set_by="correspondence"):
     """Convert scores to a probability.
 
-    A bad fit indicates that the right map is not among the candidates. Its odds were fitted to 315 pairs of 23 kinds:
-    people, animals, gorillas and men, and one-skinned game characters, in two poses or of two species. The odds of
+    A bad fit indicates that the right map is not among the candidates. Its odds were fitted to 315 pairs of 23 kinds,
+    in two poses or of two species: people, animals, gorillas and men, and game characters of one skin. The odds of
     rivals were set on 76 pairs of 15 kinds: FAUST, SHREC19, TOSCA, SMAL, gorillas and men, bodies with touching limbs,
-    and game characters. 70 of these were also used without their right maps, because these may not be found. Of the 74
-    right maps, 69 are above 90 %, and of the maps that come first without them 21; by energies on the whole, 68 and 41.
-    A rivalry of 2.5 to 3 is the most likely one, whichever kind is left out. With it, 64 and 19 are above 90 %.
-    Tears were set on 48 pairs of SMAL, gorillas and men, people and game characters: 43 right maps are above 90 % (44
-    without tears), and of 51 maps that come first without the right one, or between men and animals, 10 (18). On 26 and
-    32 others (TOSCA, touching limbs, skins, builds, skulls, other species), 22 are (23), and 7 (11).
+    and game characters. 70 of these were also used without their right maps, because a search may miss them. Of the 74
+    right maps, 69 are above 90 %. Of the maps that come first without them, 21 are. By energies on the whole, these are
+    68 and 41. A rivalry of 2.5 to 3 is the most likely one, whichever kind is left out. With it, 64 and 19 are above 90
+    %. Tears were set on 48 pairs of SMAL, gorillas and men, people and game characters: 43 right maps are above 90 %
+    (44 without tears). Of 51 wrong maps, which come first without the right one or between men and animals, 10 are (18
+    without tears). On 26 and 32 others (TOSCA, touching limbs, skins, builds, skulls, other species), 22 are (23), and
+    7 (11).
     """
 
     # Distance of two images above which they are on different limbs.
@@ -88,11 +89,11 @@ class CertaintyTuning(Tuning, set_by="correspondence"):
     rivalry: float = tuned(4.0, "1", 0, 100)  # rate at which the odds of a rival decrease with the lead in score
     largest_lead: float = tuned(20.0, "1", 0, 100)  # lead beyond which the odds stay constant
     misfit: float = tuned(28.23, "1", -100, 100)  # log odds against a map whose mean distance in space is 1
-    # Log odds in favour of closed shapes: only a border can bound what is missing. Wrong maps of parts as wholes fit as
+    # Log odds in favour of closed shapes: a part can be missing only at a border. Wrong maps of parts as wholes fit as
     # well as right ones of gorillas to men, at a mean distance of 0.03. With 0.5 less, a cut cat is mapped as a whole.
     closed: float = tuned(3.23, "1", 0, 100)
     misfit_rate: float = tuned(8.25, "1", 0, 100)  # rate at which it increases with the logarithm of the distance
-    # A map that exchanges limbs tears the surface between them, also if the right map is not there to rival it. Beyond
+    # A map that exchanges limbs tears the surface between them, even if the right map is not among its rivals. Beyond
     # this number of torn triangles, the odds against a finished map of closed shapes grow with a power of it. Right
     # maps of hulls are torn where limbs touch.
     tear: float = tuned(3.0, "triangles", 1e-9, 1e6)
@@ -159,7 +160,7 @@ def rank(
     disagreement: Disagreement = no_disagreement,
     # Numbers of maps to compare that keep the orientation, and that reverse it; tuned numbers by default.
     quotas: tuple[Quota, Quota] | None = None,
-    # Disagreement of normals from which on a map is a mirror image; the tuned number by default.
+    # Disagreement of normals above which a map is a mirror image; the tuned number by default.
     clear_orientation: float | None = None,
     # Whether to compare a map, by (s_t,) the number of the source sample of each search sample, and whether it reverses
     # the orientation.
@@ -190,7 +191,7 @@ def rank(
 def sort_by_certainty(candidates: list[Candidate], source: ShapeAnalysis, target: ShapeAnalysis) -> list[Candidate]:
     """Candidates with their certainty, the most likely first.
 
-    Mirror images come last and rival only each other, unless the sides are unknown, as for a cloth.
+    Mirror images come last and rival only each other, unless the sides are unknown, such as those of a cloth.
     """
     apart = sides_are_known(source, target)
     sides = [[one for one in candidates if one.mirrored == side] for side in (False, True)] if apart else [candidates]
@@ -243,7 +244,7 @@ def are_rivals(one: Candidate, other: Candidate, source: ShapeAnalysis, target: 
 def _differences(
     one: Candidate, other: Candidate, source: ShapeAnalysis, target: ShapeAnalysis
 ) -> tuple[Floats, Floats]:
-    """(p,) the area around each of some places of the target, and (p,) how far apart two candidates map it.
+    """(p,) the area around some places of the target, and (p,) the distance of each one's images by two candidates.
 
     These are the mesh's vertices if both maps are finished, search samples otherwise.
     """

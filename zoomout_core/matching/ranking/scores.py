@@ -50,8 +50,8 @@ EVIDENCE_WEIGHTS = {
 }
 
 
-# Largest contribution of the place in space to the total: it proves nothing, as a ball may have been rotated, so that
-# alone it makes no map 90 % certain.
+# Largest contribution of the place in space to the total. It proves nothing, because a ball may have been rotated, so
+# alone it must not make a map 90 % certain.
 MAX_IN_SPACE = 0.5
 
 
@@ -77,8 +77,8 @@ class ScoreTuning(Tuning, set_by="correspondence"):
 SCORES = ScoreTuning()
 
 
-# How far a map disagrees with each kind of evidence: of its functional map, the source sample of each search sample of
-# the target, and what holds it in place, at all vertices.
+# Computes how far a map disagrees with each kind of evidence. Takes its functional map, the source sample of each
+# search sample of the target, and its anchors at all vertices.
 Disagreement: TypeAlias = Callable[[Floats, Integers, Anchors | None], dict[str, float]]
 
 
@@ -173,22 +173,22 @@ def total_score(scores: dict[str, float]) -> float:
     """The weighted sum of the criteria and of disagreements with evidence; the lowest is the most likely map.
 
     The weights are those of `SCORES` and `EVIDENCE_WEIGHTS`. Errors enter by their logarithms: their size depends on
-    the similarity of the shapes, but the right map of a pair has errors smaller by a factor than wrong ones.
+    the similarity of the shapes, but the errors of a pair's right map are smaller than those of wrong ones by a factor.
 
     - Commutativity and frequency: the best single criteria. They do not detect a human turned front to back.
     - Distance and curvature complement them with smaller weights: geodesic distances are independent of the basis, and
       mean curvature distinguishes front from back; its error is one minus the correlation.
-    - Handedness: the correlation itself, not its logarithm, so that noise about zero, as on shapes far from isometric,
-      has little effect. A weight of 1.6 would correct two self-symmetries of humans that are turned front to back, but
-      reduces the margin of right maps of pairs from 0.14 standard deviations to 0.03.
+    - Handedness: the correlation itself, not its logarithm, so that noise about zero, such as on shapes far from
+      isometric, has little effect. A weight of 1.6 would correct two self-symmetries of humans that are turned front to
+      back, but reduces the margin of right maps of pairs from 0.14 standard deviations to 0.03.
     - Place and facing: the fit in space has the largest weights, because it rejects maps that are nearly isometric by
       chance: legs mapped to arms sometimes commute with the Laplacian better than the right map does, but never fit the
-      source after alignment. On generated characters this removed the flips with high certainty.
-    - Disagreements enter linearly: those with landmarks and with an earlier map, which the user gave, outweigh all
-      criteria; those with axes, regions and the position in space decide if the criteria leave a flip in doubt.
+      source after alignment. On generated characters this removed the flips that had a high certainty.
+    - Disagreements enter linearly. Those with landmarks and with an earlier map, which the user gave, outweigh all
+      criteria. Those with axes, regions and the position in space decide if the criteria leave a flip in doubt.
 
     The weights of the invariants need not be precise: conditional logit fits of three to nine criteria were right on 97
-    to 100 % of the set left out. Unknown criteria (place and facing before the alignment, missing evidence) are 0.
+    to 100 % of the held-out set. Unknown criteria (place and facing before the alignment, missing evidence) are 0.
     """
     return float(
         SCORES.place * np.log(max(scores.get("place", 1), 1e-9))

@@ -3,8 +3,8 @@
 
 If fingers touch on one shape and are spread on the other, the finger that is nearest in space is often the wrong one.
 No edge of the map is torn then, but two fingers share one, and another finger receives nothing. The tips of branches
-are maxima of the average geodesic distance. The tips of a hand are paired with those of the other hand by the geodesic
-distances among them, and a branch with images on a wrong branch is registered to its own partner.
+are maxima of the average geodesic distance. The tips of a hand are paired with those of the other hand by their mutual
+geodesic distances. A branch with images on a wrong branch is registered to its own partner.
 """
 
 from __future__ import annotations

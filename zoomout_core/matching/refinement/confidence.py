@@ -16,7 +16,7 @@ from zoomout_core.mesh.triangles import border_edges, triangle_areas
 from zoomout_core.spectral.descriptors import sum_at_vertices
 from zoomout_core.tuning import Tuning, tuned
 
-# A point whose barycentric coordinates at vertices of a border fall short of one by less lies on it.
+# A point whose barycentric coordinates at vertices of a border fall short of one by less is on it.
 ON_BORDER = 1e-2
 
 
@@ -24,19 +24,19 @@ ON_BORDER = 1e-2
 class ConfidenceTuning(Tuning, set_by="correspondence"):
     """From the misses of a map to its confidence."""
 
-    # Expected error at which confidence halves: there half of the vertices are off by more than 0.025 and a fifth by
-    # more than 0.05; at half of it 0.009, and a fiftieth (36 pairs of five kinds of shapes).
+    # Expected error at which the confidence is 0.5. At this value half of the vertices are off by more than 0.025, and
+    # a fifth by more than 0.05; at half of it these are 0.009 and a fiftieth (36 pairs of five kinds of shapes).
     half_confidence: float = tuned(0.022, "at unit area", 1e-6, 1)
-    # Residual of similarities at which the other indicators hold as they are. With residuals 33 % of the vertices that
-    # are off by more than 0.1 are trusted where a tenth of the right ones is not, and 49 % without them (53 pairs of
-    # people, animals, gorillas and men, half of which are damaged).
+    # Residual of similarities at which the other indicators hold as they are. If a tenth of the right vertices are
+    # doubtful, 33 % of those that are off by more than 0.1 are trusted with residuals, and 49 % without them (53 pairs
+    # of people, animals, gorillas and men, half of which are damaged).
     usual_residual: float = tuned(0.1, "1", 1e-6, 1)
     # To the farthest neighbours of a vertex that such a residual is computed from. Where it ranks maps, a single ring
     # was right in 9 of 12 pairs, three in 18 of 19.
     rings: int = tuned(3, "edges", 1, 10)
     pooling: float = tuned(0.05, "at unit area", 0, 1)  # diffusion length that averages errors
     without_partner: float = tuned(0.085, "at unit area", 0, 2)  # no partner beyond this miss there and back
-    # The same where the map there ends on a border of the other shape: what fills a hole of it.
+    # The same for vertices that map to a border of the other shape, such as those that fill one of its holes.
     beyond_border: float = tuned(0.03, "at unit area", 0, 2)
     # An edge is torn if its image is longer by more than this.
     torn: float = tuned(0.15, "at unit area", 0, 2)
@@ -66,11 +66,11 @@ def confidence_of(
 ) -> tuple[Floats, float]:
     """Confidence from the error that three indicators agree on, and from triangles that the map turns over.
 
-    The indicators are the distance by which going there and back misses the start, the disagreement of the
-    eigenfunctions at the two ends, and how far the map is from turning and scaling the surroundings. Each alone fails:
-    the first with a map that is wrong both ways alike, the second at places where the eigenfunctions are alike, the
-    third inside a limb that is mapped to another one. Their product orders errors better than each.
-    Returns (n_t,) confidence in [0, 1], and the part of the target's area, in [0, 1], that the map flips.
+    There are three indicators: the error of the round trip, the disagreement of the eigenfunctions at both ends, and
+    the deviation of the map from a similarity of the surroundings. Each alone fails: the first if the maps of both
+    directions have the same error, the second where eigenfunctions of different places are alike, the third inside a
+    limb that is mapped to another limb. Their product orders errors better than each. Returns (n_t,) confidence in [0,
+    1], and the part of the target's area, in [0, 1], that the map flips.
     """
     cycle = cycle_error(there, back, target.mesh.vertices)
     k_target, k_source = functional_map.shape

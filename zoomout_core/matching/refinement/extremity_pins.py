@@ -3,8 +3,8 @@
 
 Eigenfunctions and rigid motions preserve lengths, so that the leg of a hippopotamus covers only the upper part of a
 horse's. The map back takes all of the longer leg to the shorter one, and foot to foot. Extremities that one of the two
-maps pairs this well are pinned to each other if the other map falls far short of several of them: the images of these
-limbs are stretched to their tips, and the registration is repeated with the pins.
+maps pairs well are pinned to each other if the other map falls far short of several of them. The images of these limbs
+are stretched to their tips, and the registration is repeated with the pins.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ class PinTuning(Tuning, set_by="correspondence"):
 
     max_miss: float = tuned(0.08, "at unit area", 0, 2)  # of the map that pairs two extremities
     max_shortfall: float = tuned(0.5, "at unit area", 0, 10)  # of the other map; farther off is another limb
-    min_shortfall: float = tuned(0.12, "at unit area", 0, 2)  # below it, an extremity counts as reached, as on people
-    # A single one may be a limb that is cut, or ends otherwise, on bodies of the same proportions.
+    min_shortfall: float = tuned(0.12, "at unit area", 0, 2)  # below it, an extremity counts as reached
+    # A single one may be a limb that is cut or has another end, on bodies of the same proportions.
     min_limbs: int = tuned(2, "extremities", 1, 30)
     # Width of the Gaussian by which the displacement of a tip decays, in lengths of its limb.
     width: float = tuned(0.7, "1", 0, 10)
@@ -109,4 +109,5 @@ def _tips(shape: ShapeAnalysis) -> _Tips:
     vertices, persistence = maxima(shape)
     vertices = vertices[persistence > EXTREMITIES.lesser_persistence][: EXTREMITIES.max_count]
     graph = edge_graph(shape.mesh.vertices, shape.mesh.triangles)
-    return _Tips(vertices, np.asarray(dijkstra(graph, indices=vertices)).reshape(len(vertices), -1))
+    distances = np.asarray(dijkstra(graph, indices=vertices))
+    return _Tips(vertices, distances.reshape(len(vertices), len(shape.mesh.vertices)))

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Align the target with the source in space by local rotations, so that no limb is reflected.
 
-The Laplacian does not distinguish an arm from the same arm mirrored along its axis, and ZoomOut converges to either:
-distances stay small, but the arm's inner side lands on the outer one. Positions in space resolve this: a limb moved to
-the smoothed images of its map by rotations, without reflection, keeps its orientation. The closest points of the
-source with compatible normals start the next round. This follows Smooth Shells (Eisenberger, Laehner and Cremers
+The Laplacian does not distinguish an arm from its mirror image along its axis, and ZoomOut converges to either of them.
+Distances stay small, but the inner side of the arm is mapped to the outer one. Positions in space resolve this: a limb
+moved to the smoothed images of its map by rotations, without reflection, keeps its orientation. The closest points of
+the source with compatible normals start the next round. This follows Smooth Shells (Eisenberger, Laehner and Cremers
 2020), which alternates between aligning smoothed shapes and spectra.
 """
 
@@ -28,8 +28,8 @@ class RigidAlignmentTuning(Tuning, set_by="correspondence"):
     """How rotations are fitted, and the weights of positions in space."""
 
     image_functions: int = tuned(100, "eigenfunctions", 4, 1000)  # eigenfunctions for smoothing images
-    # Weight of the neighbours' rotations against a sample's own: a limb does not determine the rotation about its axis,
-    # and takes it from the body.
+    # Weight of the neighbours' rotations relative to a sample's own. A limb does not determine the rotation about its
+    # own axis, and takes it from the body.
     coherence: float = tuned(0.3, "1", 0, 10)
     averagings: int = tuned(3, "rounds", 0, 100)  # of a sample with its neighbours, as matrices
     relaxations: int = tuned(3, "rounds", 0, 100)  # number of rounds of this
@@ -62,9 +62,9 @@ def sides_are_known(source: ShapeAnalysis, target: ShapeAnalysis) -> bool:
 def align(images: Floats, target: ShapeAnalysis, width: float, mirrored: bool, at: Integers | None = None) -> Alignment:
     """Move the target to smoothed images, the surroundings of each vertex by a rotation.
 
-    Images are given by their coefficients (k, 3) in the target's basis, and smoothed over the diffusion length `width`,
-    at unit area; thinner parts keep the target's own cross-section. `mirrored` aligns the target's mirror image, and
-    `at` (n,) are the only vertices to align.
+    Images are given by their coefficients (k, 3) in the target's basis. They are smoothed over the diffusion length
+    `width`, at unit area, so that thinner parts keep the target's own cross-section. `mirrored` aligns the target's
+    mirror image, and `at` (n,) are the only vertices to align.
     """
     rows: Integers | slice = slice(None) if at is None else at
     eigenvectors, eigenvalues, k = target.basis.eigenvectors, target.basis.eigenvalues, len(images)
@@ -120,8 +120,8 @@ def beside_places(
 ) -> tuple[Floats, Floats]:
     """Append scaled positions and normals to spectral coordinates (n_t, d), and (n_s, d) of the source's vertices `at`.
 
-    An error of position changes the first k eigenfunctions, at unit area, by half of their eigenvalues' sum times its
-    square, which defines the common scale.
+    At unit area, an error of position changes the first k eigenfunctions by its square times half the sum of their
+    eigenvalues. This defines the common scale.
     """
     scale = np.sqrt(weight * source.basis.eigenvalues[:k].sum() / 2)
     normal_scale = scale * RIGID_ALIGNMENT.normal_weight

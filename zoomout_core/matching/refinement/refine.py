@@ -34,8 +34,8 @@ MAX_ROUNDS_AT_FINAL_SIZE = 5
 class Schedule(NamedTuple):
     """Rounds on samples."""
 
-    # Size of the functional map, and diffusion length, at unit area, over which images are smoothed: the target is
-    # aligned with the source in space, which decides the orientation of its limbs.
+    # Size of the functional map, and diffusion length, at unit area, over which images are smoothed, when the target is
+    # aligned with the source in space. The alignment decides the orientation of its limbs.
     aligning: tuple[tuple[int, float], ...]
     # First and last size of the functional map, which grows again by the step, with a lower weight of positions in
     # space.
@@ -78,7 +78,7 @@ class RefinementTuning(Tuning, set_by="correspondence"):
     steepness: float = tuned(4, "1", 0, 20)  # below the usual ratio it falls with this power of the factor more
     # Weight of positions in space on all vertices, where eigenfunctions decide; it keeps triangles from turning over.
     finishing_weight: float = tuned(0.05, "1", 0, 100)
-    # Size of the functional map from which on that weight falls with the inverse square of the size, as further
+    # Size of the functional map above which that weight falls with the inverse square of the size, as further
     # eigenfunctions do not improve positions.
     finishing_size: int = tuned(120, "eigenfunctions", 1, 1000)
     usual_ratio: float = tuned(2.5, "1", 0.01, 100)  # of the squares of the mean misses along the surface and in space

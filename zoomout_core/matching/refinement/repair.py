@@ -2,10 +2,10 @@
 """Repair a finished map: rematch wrong branches, find where it tears the target apart, and fill these places in.
 
 A map that is right as a whole may still send a patch of the target to another limb, finger or lip, where the source's
-surfaces face each other. Closest points cannot tell the two sides apart, but geodesic distances can: the images of two
+surfaces face each other. Closest points cannot distinguish the two sides, but geodesic distances can: the images of two
 neighbours are close in space and far apart along the surface. Such patches, and edges whose images are far too long,
-are filled in from the rest, by Poisson's equation or harmonically, as weights are inpainted (Abdrashitov et al. 2023),
-and projected to points of the source that are nearby along its surface as well.
+are filled in from the rest, by Poisson's equation or harmonically, like inpainted weights (Abdrashitov et al. 2023).
+They are then projected to points of the source that are also nearby along its surface.
 """
 
 from __future__ import annotations
@@ -59,8 +59,8 @@ class RepairTuning(Tuning, set_by="everywhere"):
 
     max_stretch: float = tuned(4.0, "1", 1, 100)  # torn edges are longer than this multiple of the median ratio,
     min_length: float = tuned(0.02, "at unit area", 0, 1)  # and longer than this
-    # Edges from this multiple on may cut a part off. On 60 damaged and other pairs, 65 % of the area that they cut off
-    # is off by more than 0.1; with `max_stretch`, 60 % of an area that is a fifth smaller.
+    # Edges from this multiple on may cut a part off. On 60 pairs, some of them damaged, 65 % of the area that they cut
+    # off is off by more than 0.1. With `max_stretch` it is 60 % of an area that is a fifth smaller.
     seam: float = tuned(3.0, "1", 1, 100)
     small_patch: float = tuned(0.02, "1", 0, 1)  # patches below this part of their component are filled in
     min_trusted: float = tuned(0.5, "1", 0, 1)  # a component is repaired only if this fraction of its area is not torn
@@ -86,8 +86,8 @@ class Repair(NamedTuple):
     surface_map: SurfaceMap  # from the target to the source
     filled: Booleans  # (n_t,) vertices whose images were filled in from their surroundings
     torn: Booleans  # (n_t,) vertices at edges that are torn still
-    # (n_t,) part of its component's area, in [0, 1], that a vertex is connected with across no tear: small on a limb
-    # that is mapped to another one. Filled places and small components count as connected with everything.
+    # (n_t,) share of its component's area, in [0, 1], that a vertex can reach without crossing a tear. Small on a limb
+    # that is mapped to another limb. Filled places and small components count as connected with everything.
     connected: Floats
 
 
@@ -235,7 +235,7 @@ def _fill_torn(
 
 
 def _fill(images: _Images, filled: Booleans, meshes: _Meshes, beside: Booleans, usual: Floats) -> None:
-    """Replace images of vertices (n,) that are to be filled in by those that distort their patch least, in place.
+    """Replace images of vertices (n,) by the filling that distorts their patch least, in place.
 
     The lengths `usual` (b,) are those of the images of edges `beside` (e,) these vertices if the map is not distorted.
     Patches that are distorted least as they are keep their images, and are no longer among the filled vertices.
@@ -255,8 +255,8 @@ def _fill(images: _Images, filled: Booleans, meshes: _Meshes, beside: Booleans, 
 def _marks(source: Surface, shape: ShapeAnalysis) -> Floats:
     """(n, d) geodesic distances from some samples of a shape to the working vertices of its surface.
 
-    The largest difference of two rows bounds the geodesic distance from below. Distances on a hull do not tell the two
-    sides of a wing apart, nor parts that touch: then all are zero, and edges are judged by their lengths in space.
+    The largest difference of two rows bounds the geodesic distance from below. Distances on a hull distinguish neither
+    the two sides of a wing nor touching parts. On a hull all are zero, and edges are judged by their lengths in space.
     """
     working, body = source.working, shape.proxy.full
     if body.is_hull:
@@ -305,7 +305,7 @@ def _torn(length: Floats, own: Floats, limit: float) -> Booleans:
     """(e,) which edges have images that are far too long.
 
     The lengths (e,) are those of the images, in space or along the surface, and `own` (e,) are those on the target. The
-    limit is the ratio from which on they are torn.
+    limit is the ratio above which they are torn.
     """
     return np.asarray((length / np.maximum(own, SMALLEST) > limit) & (length > REPAIR.min_length))
 
@@ -338,10 +338,10 @@ def _to_fill(meshes: _Meshes, torn: Booleans) -> Booleans:
 def _fills(images: _Images, filled: Booleans, meshes: _Meshes) -> list[tuple[Integers, _Images]]:
     """Two ways to fill in some images from the others, on the source: for each the vertices (q,), and their images.
 
-    The features of the images solve Poisson's equation: their differences in a patch are those of the target, turned
-    and scaled like the patch's surroundings (Yu et al. 2004), so that the tip of a finger does not shrink to its base.
-    The second solution is harmonic. A part of the target stays on the parts of the source that its trusted images are
-    on: a shirt does not land on the body below it.
+    The features of the images solve Poisson's equation (Yu et al. 2004). Their differences in a patch are those of the
+    target, rotated and scaled like the patch's surroundings, so that a fingertip does not shrink to the base of the
+    finger. The second solution is harmonic. A part of the target stays on the parts of the source that its trusted
+    images are on: a shirt does not land on the body below it.
     """
     source, component = meshes.source, meshes.target.component
     graph, vertices = meshes.graph, np.flatnonzero(filled)
@@ -368,8 +368,8 @@ def _divergence(
 ) -> Floats:
     """(q, 6 + d) the Laplacian of the features that filled vertices have if their patch moves like its surroundings.
 
-    Positions and normals are turned and scaled by a similarity fitted to the trusted vertices around the patch, and
-    geodesic distances extrapolated by the linear function of the target's positions that fits them best.
+    Positions and normals follow a similarity that is fitted to the trusted vertices around the patch. Geodesic
+    distances are extrapolated by the best linear function of the target's positions.
 
     Args:
         images: of the target's vertices (n,).

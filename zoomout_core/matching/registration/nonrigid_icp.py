@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Non-rigid ICP: deform the target onto the source until the two surfaces coincide.
 
-Eigenfunctions locate points to a few hundredths of a shape's size. Positions in space are far more exact if both are
-the same body in two poses: its parts move nearly rigidly, so that a registered part coincides with the other surface.
-A deformation graph carries rotations and translations, which neighbouring nodes share (Sumner, Schmid and Pauly,
-Embedded deformation for shape manipulation, 2007). It is fitted by the Gauss-Newton method to closest points with
-compatible normals. Mainly distances across the surface count, so that parts may slide into place (Li, Adams, Guibas and
-Pauly, Robust single-view geometry and motion reconstruction, 2009).
+Eigenfunctions locate points to a few hundredths of a shape's size. Positions in space are far more exact if both shapes
+are the same body in two poses: its parts move nearly rigidly, so a registered part coincides with the other surface. A
+deformation graph carries rotations and translations, which neighbouring nodes share (Sumner, Schmid and Pauly, Embedded
+deformation for shape manipulation, 2007). It is fitted by the Gauss-Newton method to closest points with compatible
+normals. Mainly distances across the surface count, so that parts may slide into place (Li, Adams, Guibas and Pauly,
+Robust single-view geometry and motion reconstruction, 2009).
 """
 
 from __future__ import annotations
@@ -49,6 +49,7 @@ class Level(NamedTuple):
     rounds: int  # maximum number of Gauss-Newton steps
     robust_scale: float = ROBUST_SCALE  # residual, at unit area, from which a correspondence hardly counts
     min_weight: float = MIN_WEIGHT  # smallest weight of a correspondence, also of a rejected one
+    stretches: bool = False  # whether the rest shape adapts to the stretch so far, before the rounds
 
 
 class Pins(NamedTuple):
@@ -62,25 +63,26 @@ class Pins(NamedTuple):
 PIN_WEIGHT = 0.02
 # Diffusion length, at unit area, that smooths the images to which the target is aligned first.
 ALIGNMENT_WIDTH = 0.06
-# The first levels have few nodes, so that a trunk turns about its axis along with its limbs: nothing else determines
-# the rotation of a round part about its axis.
+# The first levels have few nodes, so that a trunk rotates about its axis together with its limbs. Nothing else
+# determines the rotation of a round part about its axis. The last levels adapt to other proportions: the mean distance
+# from the true images falls by 7 % on 13 pairs of FAUST, and by 3.5 % on 20 of SMAL.
 NONRIGID_SCHEDULE = (
     Level(40, 1.0, 0.3, 1),
     Level(40, 0.01, 0.3, 5),
     Level(100, 1.0, 0.3, 1),
     Level(100, 0.02, 0.3, 2),
     Level(200, 1.0, 0.3, 1),
-    Level(200, 0.05, 0.3, 2),
-    Level(200, 0.02, 0.1, 3),
+    Level(200, 0.01, 0.3, 2, stretches=True),
+    Level(200, 0.01, 0.1, 3, stretches=True),
 )
 # A level ends once its nodes move by less than this on average, at unit area.
 CONVERGED_MOTION = 6e-4
-# A fit is rejected where eigenfunctions disagree with it by more than this factor times their disagreement with the
-# first map, plus an allowance at unit area. Both are averaged over a diffusion length, at unit area.
+# A fit is rejected where the eigenfunctions disagree with it by more than an allowance, at unit area, plus this factor
+# times their disagreement with the first map. Both are averaged over a diffusion length, at unit area.
 MAX_DISAGREEMENT_RATIO = 2.0
 DISAGREEMENT_ALLOWANCE = 0.02
 DISAGREEMENT_WIDTH = 0.03
-# Largest distance from a vertex's image on the proxy to that on the full mesh, at unit area: anything farther is
+# Largest distance, at unit area, between a vertex's images on the proxy and on the full mesh. Anything farther is on
 # another part that touches this one.
 MAX_LIFT_DISTANCE = 0.03
 
@@ -145,7 +147,7 @@ def bend(
 ) -> DeformationGraph:
     """Fit the deformation graph that registers a target to a source."""
     graph = None
-    for i, (count, sliding, stiffness, rounds, robust_scale, min_weight) in enumerate(levels):
+    for i, (count, sliding, stiffness, rounds, robust_scale, min_weight, stretches) in enumerate(levels):
         count = min(count, len(target.distances))
         if graph is None or len(graph.nodes.vertex) != count:
             nodes = Nodes.on(target, count)
@@ -153,6 +155,8 @@ def bend(
             there = QueryPoints(here.vertex[:0], here.areas[:0]) if is_part else QueryPoints.on(around.source, count)
             graph = DeformationGraph.from_images(nodes, rest, normals, positions, target.basis.areas)
             goal = positions
+        if stretches:
+            graph.adapt_stretch()
         for j in range(rounds):
             advance((i + j / rounds) / len(levels))
             positions, turned, _ = graph.deform()

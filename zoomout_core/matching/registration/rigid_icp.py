@@ -73,9 +73,9 @@ def settle(goal: Floats, fits: Booleans, points: Floats, in_space: Floats, sourc
     """Refine the goals (n, 3) of points (n, 3) that a single similarity takes close to them, those that fit (n,).
 
     A proxy differs from its mesh by more than two meshes of one surface do. So if most of a body has not moved, only
-    the full meshes determine its position exactly. The points' positions `in_space` (n, 3), without any motion, are
-    used if they fit about as well, because they are exact, unlike a motion between two meshes. The transition is
-    gradual, so that nothing jumps if one of the two is moved away.
+    the full meshes determine its position exactly. The points' positions `in_space` (n, 3) are kept if they fit about
+    as well without a motion: they are exact, unlike a motion that is fitted to two meshes. The transition is gradual,
+    so that nothing jumps if one of the two is moved away.
 
     Goals and results are in the frame of the source's part, points in that of the target's. Returns (n, 3) positions,
     and the maximum distance of the refined ones from the source, at unit area.
@@ -110,8 +110,8 @@ class _SurfaceFit(NamedTuple):
 def _fit_to_surface(points: Floats, goal: Floats, source: Proxy) -> _SurfaceFit | None:
     """The similarity that takes points (p, 3) to the source's part near their goals (p, 3).
 
-    It is fitted to the goals with robust weights, and then to the planes of the closest triangles (Chen and Medioni,
-    Object modelling by registration of multiple range images, 1992). None if it takes too few points to their goals.
+    It is fitted to the goals with robust weights, then to the planes of the closest triangles: Chen and Medioni, Object
+    modelling by registration of multiple range images (1992). None if it takes too few points to their goals.
     """
     trust = np.ones(len(points))
     for _ in range(MOTION_ITERATIONS):

@@ -3,9 +3,9 @@
 
 Bones, teeth and other solid bodies differ by smooth deformations of space, which move the two sides of a thin wall
 alike. A thin-plate spline therefore places points more exactly than a map that is computed along the surface, and does
-not confuse the sides. The spline is fitted to the map's correspondences with robust weights, which overrule regions
-that the map has elsewhere, and then to closest points with compatible normals, from both surfaces. Distances across the
-surface count most, so that surfaces may slide into place (Chen and Medioni, Object modelling by registration of
+not confuse the sides. The spline is first fitted to the map's correspondences. Robust weights ignore regions that the
+map sends elsewhere. It is then fitted to closest points with compatible normals, in both directions. Distances across
+the surface count most, so that surfaces may slide into place (Chen and Medioni, Object modelling by registration of
 multiple range images, 1992).
 """
 
@@ -59,7 +59,7 @@ class WarpTuning(Tuning, set_by="specimens"):
 
 
 WARP = WarpTuning()
-# Enough to tell smooth warps from others, and for the way back.
+# Enough to distinguish smooth warps from others, and for the inverse direction.
 ROUGH_WARP = replace(WARP, centres=60, points=4000, residuals=1000, rounds=2)
 # Confidence below which correspondences are left out, if enough remain.
 MIN_CONFIDENCE = 0.2
@@ -172,7 +172,7 @@ class Correspondences(NamedTuple):
 
     @classmethod
     def of_candidate(cls, result: MatchResult, number: int) -> Correspondences:
-        """The few that are known of a candidate before its map is computed."""
+        """The few correspondences that are known of a candidate before its map is computed."""
         at, images = result.outline(number)
         points = result.source.working.from_surface(result.source.vertices[images])
         partners = result.target.working.from_surface(result.target.vertices[at])

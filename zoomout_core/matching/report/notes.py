@@ -46,9 +46,10 @@ RECOGNISED_CERTAINTY = 0.1
 # Shares of a surface's area that are reported if larger: flipped by the map, or without a partner.
 MAX_FLIPPED_SHARE = 0.05
 MAX_UNMATCHED_SHARE = 0.03
-# Distance of a map from a landmark, at unit area, from which on it contradicts it: about a forearm of a human.
+# Distance between a map and a landmark, at unit area, above which the map contradicts the landmark: about a forearm of
+# a human.
 MAX_LANDMARK_ERROR = 0.2
-# Rounding of coordinates, in edge lengths, from which on it is reported. Maps at this value were off by a thousandth of
+# Rounding of coordinates, in edge lengths, above which it is reported. Maps at this value were off by a thousandth of
 # the square root of the area, and by five thousandths at 0.9.
 MAX_ROUNDING = 0.2
 

@@ -55,16 +55,16 @@ class VerdictTuning(Tuning, set_by="everywhere"):
     wrong: float = tuned(0.3, "probability", 0, 1)  # certainty below which a map is red
     torn: float = tuned(0.02, "1", 0, 1)  # largest part of the target's area at torn edges of a green map
     # Maximum certainty of a map of closed shapes that tears more than that. Of four such maps above 0.9, two are right
-    # (gorillas, and dinosaurs of two species), and two, of horses, send 16 % of the vertices elsewhere (by more than
-    # 0.1). Thirteen right maps of other animals and people tear 1.3 % at most.
+    # (gorillas, and dinosaurs of two species). Two of horses move 16 % of the vertices by more than 0.1. Thirteen right
+    # maps of other animals and people tear 1.3 % at most.
     torn_certainty: float = tuned(0.8, "probability", 0, 1)
-    shattered: float = tuned(0.2, "1", 0, 1)  # the part from which on a map is red
+    shattered: float = tuned(0.2, "1", 0, 1)  # maps with a larger part are red
     silent: float = tuned(0.001, "1", 0, 1)  # part of the outside on parts that do not arrive, of an amber map
     doubtful: float = tuned(0.5, "1", 0, 1)  # largest part of the target's area of low confidence of a green map
     alone: float = tuned(0.1, "1", 0, 1)  # largest part of the target's area without a partner of a green map
     arrived: float = tuned(0.25, "1", 0, 1)  # of its visible share that a part of the source must have on the target
     # The same, if what arrives counts by its confidence. On characters of many parts, maps that are wrong there but
-    # otherwise green have parts of .11 and .16; right ones have .13 once, and at least .24 else.
+    # otherwise green have parts with .11 and .16. Right maps have .13 once, and otherwise at least .24.
     trusted: float = tuned(0.2, "1", 0, 1)
     visible: float = tuned(0.001, "1", 0, 1)  # smaller shares of the outside are not asked for
 

@@ -129,8 +129,8 @@ def write_surface(path: Path, output: Path, role: str = TARGET, program: str | N
 def write_assets(path: Path, folder: Path, program: str | None = None) -> dict[str, Path | str]:
     """Write each asset of a file that Blender reads as one surface, a PLY file in a folder, with its modifiers.
 
-    Assets are the collections and mesh objects that are marked for Blender's Asset Browser. A file that is not mostly
-    marked is itself an asset with an empty name, of all visible meshes.
+    Assets are the collections and mesh objects that are marked for Blender's Asset Browser. If most of a file is not
+    marked, all of its visible meshes are another asset, with an empty name.
 
     Returns:
         The PLY file of each asset, or a sentence that says why it has none, by names such as `Collection/Hero`.
@@ -143,7 +143,7 @@ def write_assets(path: Path, folder: Path, program: str | None = None) -> dict[s
 
 
 def split_asset(path: Path) -> tuple[Path, str]:
-    """The file and the asset in it of a path as Blender writes it, `FILE.blend/Collection/Hero`.
+    """Split a path of an asset, as Blender writes it (`FILE.blend/Collection/Hero`), into the file and the asset in it.
 
     The asset is empty if the path names a file.
     """

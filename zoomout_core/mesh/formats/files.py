@@ -29,21 +29,21 @@ from zoomout_core.mesh.formats.gltf_files import read_gltf_file
 from zoomout_core.mesh.formats.more_files import READERS as MORE_READERS
 from zoomout_core.mesh.formats.more_files import Faces, Polygons, join
 from zoomout_core.mesh.formats.obj_files import parse_obj
-from zoomout_core.mesh.formats.opening import existing, file_bytes
+from zoomout_core.mesh.formats.opening import existing, explain_damage, file_bytes
 from zoomout_core.mesh.formats.ply_files import PlyColumns, ply_columns, ply_normals, ply_polygons
 from zoomout_core.mesh.formats.text_tables import flatten, number_table, text_lines, whole_number
 from zoomout_core.mesh.formats.xml_instances import check_instances
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.surface import MeshError, PointCloud, Surface
 from zoomout_core.runtime.extras import install_hint
-from zoomout_core.runtime.input_files import FormatError, check_expansion, reason_of
+from zoomout_core.runtime.input_files import FormatError, check_expansion
 from zoomout_core.runtime.outputs import atomic_write
 
 # Formats that trimesh reads with packages of the extra `formats`, and all that it is asked to read.
 WITH_EXTRA = frozenset({".dae", ".zae", ".3mf"})
 OF_TRIMESH = WITH_EXTRA | {".3dxml", ".ctm", ".step", ".stl", ".stl_ascii", ".stp", ".xaml", ".xyz"}
-# Zip archives of XML, which takes 40 times its size in memory, so that it may expand less than other data: to this many
-# times the size of the file, or to the bytes in the second constant. Meshes expand 7 to 11 times.
+# Zip archives of XML may expand less than other data, because XML takes 40 times its size in memory: to this many times
+# the size of the file, or to the bytes in the second constant if that is more. Meshes expand 7 to 11 times.
 ARCHIVES = frozenset({".3dxml", ".3mf", ".zae"})
 XML_EXPANSION, XML_ALLOWED = 16, 1 << 23
 
@@ -85,7 +85,7 @@ def read_shape(path: str | PathLike[str]) -> Surface | PointCloud:
 
 
 def drop_broken_faces(polygons: Polygons) -> tuple[Polygons, Booleans]:
-    """The polygons without those at vertices that are not numbers, if any are left.
+    """Drop polygons at vertices that are not numbers, unless that would be all of them.
 
     Returns:
         The polygons, and (f,) which of the f given ones these are.
@@ -167,18 +167,11 @@ def _read(path: str | PathLike[str]) -> tuple[Polygons, PlyColumns]:
         ".glb": _read_gltf,
         ".vrm": _read_gltf,
     }
-    try:
+    with explain_damage(path):
         if path.suffix.lower() == ".ply":
             columns = ply_columns(file_bytes(path))
             return ply_polygons(columns), columns["vertex"]
         return readers.get(path.suffix.lower(), _read_with_trimesh)(path), {}
-    except (MeshError, ImportError):
-        raise
-    except Exception as error:  # readers raise various errors on a broken file
-        raise MeshError(
-            f"{path} could not be read ({reason_of(error)}): check that the file is complete and has the right "
-            "extension."
-        ) from error
 
 
 # --- OFF ----------------------------------------------------------------------------------------------------

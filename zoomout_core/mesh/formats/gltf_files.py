@@ -10,17 +10,18 @@ from __future__ import annotations
 import json
 import math
 from base64 import b64decode
-from collections.abc import Container, Iterable, Iterator, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote, unquote_to_bytes
 
 import numpy as np
 
-from zoomout_core.mesh.formats.decompress_gltf import DRACO, MESHOPT, MODES, decompress_gltf
+from zoomout_core.mesh.formats.compression.decompress_gltf import DRACO, MESHOPT, MODES, decompress_gltf
+from zoomout_core.mesh.formats.compression.meshopt_filters import STRIDES
 from zoomout_core.mesh.formats.glb import MAGIC, unpack_glb
-from zoomout_core.mesh.formats.meshopt_filters import STRIDES
 from zoomout_core.mesh.formats.opening import file_bytes, outside, shown
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.input_files import FormatError, OutsideError, beside, read_whole, reason_of
@@ -243,7 +244,7 @@ def parse_gltf(content: bytes) -> tuple[dict[str, Any], bytes]:
 
 
 def _without_nulls(part: dict[str, Any]) -> dict[str, Any]:
-    """An object without values that are null, which stand for missing ones."""
+    """A JSON object without its null values, which mean missing ones."""
     return {name: value for name, value in part.items() if value is not None}
 
 
@@ -316,48 +317,37 @@ def check_structure(tree: Any, size: int = 0) -> None:
     parts = sum(1 for path in PARTS for _ in _values(tree, path))
     if parts > MAX_PARTS:
         raise FormatError(f"it has {parts} nodes, channels and other parts, and {MAX_PARTS} are allowed")
-    for path in OBJECTS:
-        for value in _values(tree, path):
-            _expect(isinstance(value, dict), path, value, "an object")
-    for table in TABLES:
-        for each in _values(tree, f"{table}[]"):
-            _expect(isinstance(each, dict), table, each, "an object")
-    for path in TEXTS:
-        for value in _values(tree, path):
-            _expect(isinstance(value, str), path, value, "text")
-    for path in COUNTS:
-        for value in _values(tree, path):
-            _expect(_is_count(value), path, value, "a number from 0")
-    for value in _values(tree, "accessors[].count"):
-        _expect(_is_count(value) and value > 0, "accessors[].count", value, "a number from 1")
-    for path in NUMBERS:
-        for value in _values(tree, path):
-            _expect(_is_finite(value), path, value, "a number")
-    for path in SWITCHES:
-        for value in _values(tree, path):
-            _expect(isinstance(value, bool), path, value, "true or false")
+    _check_values(tree, (*OBJECTS, *(f"{table}[]" for table in TABLES)), _is_object, "an object")
+    _check_values(tree, TEXTS, _is_text, "text")
+    _check_values(tree, COUNTS, _is_count, "a number from 0")
+    _check_values(tree, ("accessors[].count",), _is_positive, "a number from 1")
+    _check_values(tree, NUMBERS, _is_finite, "a number")
+    _check_values(tree, SWITCHES, _is_switch, "true or false")
     for path, width in VECTORS.items():
-        for value in _values(tree, path):
-            _expect(_is_vector(value, width), path, value, f"{width} numbers")
+        _check_values(tree, (path,), partial(_is_vector, width), f"{width} numbers")
     for path, choices in CHOICES.items():
-        for value in _values(tree, path):
-            _expect(isinstance(value, int | str) and value in choices, path, value, "a value of the specification")
+        _check_values(tree, (path,), partial(_is_choice, choices), "a value of the specification")
     for path, names in REQUIRED.items():
         for value in _values(tree, path):
             for name in names:
-                _expect(isinstance(value, dict) and name in value, path, value, f"an object with {name}")
+                _expect(_is_object(value) and name in value, path, value, f"an object with {name}")
     for path, table in REFERENCES.items():
         count = len(tree.get(table) or [])
-        for value in _values(tree, path):
-            _expect(_is_count(value) and value < count, path, value, f"one of the {count} {table}")
+        _check_values(tree, (path,), partial(_is_below, count), f"one of the {count} {table}")
     for animation in tree.get("animations") or []:
         count = len(animation["samplers"])
-        for value in _values(animation, "channels[].sampler"):
-            _expect(_is_count(value) and value < count, "channels[].sampler", value, f"one of the {count} samplers")
+        _check_values(animation, ("channels[].sampler",), partial(_is_below, count), f"one of the {count} samplers")
     _check_tree_of_nodes(tree.get("nodes") or [])
     _check_types(tree)
     _check_elements(tree, size)
     _check_accessors(tree)
+
+
+def _check_values(part: Any, paths: Iterable[str], is_right: Callable[[Any], bool], wanted: str) -> None:
+    """Check the values at some paths; `wanted` describes the right ones."""
+    for path in paths:
+        for value in _values(part, path):
+            _expect(is_right(value), path, value, wanted)
 
 
 def _values(part: Any, path: str, whole: str = "") -> Iterator[Any]:
@@ -395,11 +385,35 @@ def _expect(is_right: bool, path: str, value: Any, wanted: str) -> None:
         raise FormatError(f"{path.replace('[]', '')} is {shown}, not {wanted}")
 
 
+def _is_object(value: Any) -> bool:
+    return isinstance(value, dict)
+
+
+def _is_text(value: Any) -> bool:
+    return isinstance(value, str)
+
+
+def _is_switch(value: Any) -> bool:
+    return isinstance(value, bool)
+
+
+def _is_choice(choices: Container[object], value: Any) -> bool:
+    return isinstance(value, int | str) and value in choices
+
+
 def _is_count(value: Any) -> bool:
     return isinstance(value, int) and not isinstance(value, bool) and value >= 0
 
 
-def _is_vector(value: Any, width: int) -> bool:
+def _is_positive(value: Any) -> bool:
+    return _is_count(value) and value > 0
+
+
+def _is_below(count: int, value: Any) -> bool:
+    return _is_count(value) and value < count
+
+
+def _is_vector(width: int, value: Any) -> bool:
     return isinstance(value, list) and len(value) == width and all(map(_is_finite, value))
 
 
@@ -435,28 +449,34 @@ def _check_tree_of_nodes(nodes: list[dict[str, Any]]) -> None:
 def _check_types(tree: dict[str, Any]) -> None:
     """Check that the values of vertices, corners and joints have the types and the numbers that they need."""
     accessors = tree.get("accessors") or []
-
-    def check(name: str, number: int, types: Sequence[str], count: int | None, of: str) -> None:
-        accessor = accessors[number]
-        if accessor["type"] not in types:
-            raise FormatError(f"{name} of {of} has elements of type {accessor['type']}, not {' or '.join(types)}")
-        if count is not None and accessor["count"] != count:
-            raise FormatError(f"{name} of {of} has {accessor['count']} elements, and {count} are needed")
-
     for number, mesh in enumerate(tree.get("meshes") or []):
         for primitive in mesh["primitives"]:
-            position = primitive["attributes"].get("POSITION")
-            count = None if position is None else accessors[position]["count"]
-            for attributes in (primitive["attributes"], *(primitive.get("targets") or [])):
-                for name, values in attributes.items():
-                    for known, types in ATTRIBUTE_TYPES.items():
-                        if name.startswith(known):
-                            check(name, values, types, count, f"mesh {number}")
-            if primitive.get("indices") is not None:
-                check("indices", primitive["indices"], ("SCALAR",), None, f"mesh {number}")
+            _check_primitive(accessors, primitive, f"mesh {number}")
     for number, skin in enumerate(tree.get("skins") or []):
-        if skin.get("inverseBindMatrices") is not None:
-            check("inverseBindMatrices", skin["inverseBindMatrices"], ("MAT4",), len(skin["joints"]), f"skin {number}")
+        if (matrices := skin.get("inverseBindMatrices")) is not None:
+            name, joints = "inverseBindMatrices", len(skin["joints"])
+            _check_type(accessors[matrices], ("MAT4",), joints, f"{name} of skin {number}")
+
+
+def _check_primitive(accessors: list[dict[str, Any]], primitive: dict[str, Any], owner: str) -> None:
+    """Check the accessors of a primitive, which its owner names in errors."""
+    position = primitive["attributes"].get("POSITION")
+    count = None if position is None else accessors[position]["count"]
+    for attributes in (primitive["attributes"], *(primitive.get("targets") or [])):
+        for name, number in attributes.items():
+            for known, types in ATTRIBUTE_TYPES.items():
+                if name.startswith(known):
+                    _check_type(accessors[number], types, count, f"{name} of {owner}")
+    if primitive.get("indices") is not None:
+        _check_type(accessors[primitive["indices"]], ("SCALAR",), None, f"indices of {owner}")
+
+
+def _check_type(accessor: dict[str, Any], types: Sequence[str], count: int | None, name: str) -> None:
+    """Check the type of an accessor's elements, and their number unless it is None."""
+    if accessor["type"] not in types:
+        raise FormatError(f"{name} has elements of type {accessor['type']}, not {' or '.join(types)}")
+    if count is not None and accessor["count"] != count:
+        raise FormatError(f"{name} has {accessor['count']} elements, and {count} are needed")
 
 
 def _check_elements(tree: dict[str, Any], size: int) -> None:

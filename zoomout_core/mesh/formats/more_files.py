@@ -134,7 +134,7 @@ def faces_of_meshio(mesh: Any) -> Faces:
 
 @contextmanager
 def _bounded_decompression(path: Path) -> Iterator[None]:
-    """Bound the decompression of meshio, which has no bound of its own, while it reads a file."""
+    """Limit the decompression of meshio, which has no limit itself, while it reads a file."""
     from meshio.vtu import _vtu
 
     before = _vtu.zlib, _vtu.lzma
@@ -146,7 +146,7 @@ def _bounded_decompression(path: Path) -> Iterator[None]:
 
 
 class _Bounded:
-    """Stands for a module of compression in meshio: decompresses no more than a file of some size may contain.
+    """Replaces a compression module of meshio: decompresses no more than a file of some size may contain.
 
     Args:
         decompressor: makes an object that decompresses up to a number of bytes.

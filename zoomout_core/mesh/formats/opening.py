@@ -3,11 +3,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from os import PathLike
 from pathlib import Path
 
 from zoomout_core.mesh.surface import MeshError
-from zoomout_core.runtime.input_files import check_path, read_whole
+from zoomout_core.runtime.input_files import check_path, read_whole, reason_of
 
 # Characters of a name in a message.
 SHOWN = 60
@@ -32,6 +34,20 @@ def file_bytes(path: Path) -> bytes:
         return read_whole(path)
     except OSError as error:
         raise MeshError(f"{path} could not be opened ({error.strerror}): check its permissions.") from error
+
+
+@contextmanager
+def explain_damage(path: str | PathLike[str]) -> Iterator[None]:
+    """Turn any error of a reader, except a MeshError or an ImportError, into a MeshError that names the file."""
+    try:
+        yield
+    except (MeshError, ImportError):
+        raise
+    except Exception as error:  # readers raise various errors on a broken file
+        raise MeshError(
+            f"{path} could not be read ({reason_of(error)}): check that the file is complete and has the right "
+            "extension."
+        ) from error
 
 
 def outside(path: Path, name: str) -> MeshError:

@@ -25,7 +25,7 @@ def decode(content: bytes) -> str:
 
 
 def text_lines(content: bytes) -> list[str]:
-    """The lines of a file; a separator of pages or paragraphs, which may be in a name, ends none."""
+    """The lines of a file. Separators of pages and paragraphs, which may be part of a name, do not end a line."""
     return decode(content).split("\n")
 
 

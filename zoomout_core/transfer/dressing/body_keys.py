@@ -2,7 +2,7 @@
 """Keys of worn objects that follow the shape keys of the body.
 
 Cloth on the skin moves like the skin beneath it. A place farther away moves like the mean of a wider patch of skin,
-which no local change of shape affects: a skirt hangs as before when the thighs grow, and rises with the hips. Where
+which local changes of shape hardly affect. When the thighs grow, a skirt hangs as before; it rises with the hips. Where
 the skin would come through, cloth is pushed out.
 """
 

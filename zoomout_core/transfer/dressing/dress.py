@@ -45,19 +45,19 @@ from zoomout_core.transfer.rules import Match
 from zoomout_core.transfer.wrapping.wrap import reverse_match, wrap
 from zoomout_core.tuning import Tuning, tuned
 
-# How objects are fitted: soft ones keep their form according to their stiffness, rigid ones rotate and scale as a
-# whole; "automatic" is soft, except for small solid parts.
+# Ways to fit objects: soft ones keep their form according to their stiffness, rigid ones rotate and scale as a whole.
+# "automatic" is soft, except for small solid parts.
 Manner: TypeAlias = Literal["automatic", "soft", "rigid"]
 Carried: TypeAlias = Surface | Lines
 # How bones move a body, and the weights (n, b) of an object that they move as well.
 Posed: TypeAlias = tuple[PosedBody, csr_array]
 # Fractions of the progress: inverting the match, as a share of shaping the body, and shaping the body, of the whole.
 TURNED_ROUND, SHAPED = 0.5, 0.8
-# Stiffness of a link between touching points: that of an edge between equilateral triangles; twice that if each of the
-# two is among the nearest of the other.
+# Stiffness of a link between touching points: that of an edge between equilateral triangles. It is doubled if each of
+# the two is among the nearest points of the other.
 LINK = 3**-0.5
-# An edge is reported as stretched if it grows by more than this multiple of the body's growth there, and is longer than
-# this at unit area: shorter ones are hardly visible.
+# An edge is reported as stretched if it grows by more than the first multiple of the body's growth there, and is longer
+# than the second number, at unit area. Shorter ones are hardly visible.
 STRETCHED, MIN_LENGTH = 2.0, 0.01
 
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Parts of a soft object that keep their form, such as buckles, plates and soles, where a mask says so.
 
-Each connected patch of the mask moves rigidly, and is scaled like the whole object: with a scale of its own, buttons of
-one row would differ in size.
+Each connected patch of the mask moves rigidly, and is scaled like the whole object. If each had its own scale, the
+buttons of one row would differ in size.
 """
 
 from __future__ import annotations

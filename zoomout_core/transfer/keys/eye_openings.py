@@ -14,7 +14,7 @@ import numpy as np
 import scipy
 
 from zoomout_core.arrays import Booleans, Floats, Integers
-from zoomout_core.transfer.keys.front_view import view_from_front
+from zoomout_core.transfer.keys.front_view import enclosed_pieces, view_from_front
 from zoomout_core.transfer.keys.head_directions import HeadDirections
 
 # Lengths relative to the distance between the eyes, about 65 mm.
@@ -66,10 +66,9 @@ def find_eye_opening(vertices: Floats, triangles: Integers, centre: Floats, head
         return None
     view = replace(view, depth=scipy.ndimage.maximum_filter(view.depth, SLIT))
     closed = view.close(CLOSING * head.size)
-    piece, _ = scipy.ndimage.label(closed - view.depth > DEPTH * head.size)
-    border = np.concatenate([piece[[0, -1]].ravel(), piece[:, [0, -1]].ravel()])
+    piece = enclosed_pieces(closed - view.depth > DEPTH * head.size)
     sizes = np.bincount(piece.ravel())
-    sizes[np.append(border, 0)] = 0
+    sizes[0] = 0
     opening = (piece == np.argmax(sizes)) & bool(sizes.any())
     columns = np.flatnonzero(opening.any(axis=1))
     if len(columns) < MIN_COLUMNS:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Twelve landmarks of a head, found by its expression keys.
 
-The lips are where the key that opens the jaw separates touching surfaces, and the rims of the eyelids are where a
-blink closes a gap. Both are slits, whose corners are halfway around their ends. The two eyes and the mouth give the
+The lips are where the key that opens the jaw separates touching surfaces. The rims of the eyelids are where a blink
+closes a gap. Both are slits, whose corners are halfway around their ends. The two eyes and the mouth give the
 directions left, up and forward; anthropometry defines the other landmarks as extreme points in these directions.
 """
 
@@ -64,7 +64,8 @@ BESIDE = 0.15  # the same of nose and chin
 LIP = 0.15  # height of a lip
 AROUND_MOUTH = 1.0  # from the mouth to the chin, but not to the chest
 AROUND_EYES = 2.6  # from the eyes to the ears, but not to the shoulders
-# The sides of a slit move apart by at least this share of the most that they do: its ends, but not skin that stretches.
+# Along a slit, its sides move apart by at least this share of their largest separation. This includes the ends of the
+# slit, but no stretched skin.
 OPENING = 0.15
 # And they are at least this many times as far apart as when it is closed.
 STRETCH = 3.0

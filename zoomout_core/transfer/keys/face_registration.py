@@ -9,8 +9,8 @@ Botsch and Kobbelt, An intuitive framework for real-time freeform modeling, 2004
 
 where L is the stiffness, A the areas, q the closest points with similar normals, and P weighs distances along the
 surface less than those across it (Chen and Medioni 1992). Normals distinguish lips and lids whose surfaces face
-each other. The closest points slide along the rims of lids and lips, which are therefore also attracted by the rims of
-the same eye and mouth of the target, as far as these are seen from the front.
+each other. Closest points slide along the rims of lids and lips. These rims are therefore also attracted by those of
+the target's eye or mouth, as far as they are visible from the front.
 """
 
 from __future__ import annotations
@@ -46,10 +46,13 @@ class FaceRegistrationTuning(Tuning, set_by="faces"):
 
     Attributes:
         bending: factor of the bending energy in each round: features above about 8 mm align first, those above 2 mm
-            last. With three rounds each of 1e-6, 1e-7 and 1e-9, errors of keys are alike, and on a voxel skin with
+            last. With three rounds each of 1e-6, 1e-7 and 1e-9, errors of keys are the same, but on a voxel skin with
             closed lips three times as many edges are torn.
         first_bending: factor of the bending energy of the deformation that the map implies: it smooths the map's
-            errors over 1 cm.
+            errors over 2 cm.
+        normal_weight: distance that counts as much as a unit difference of normals where closest points are searched.
+            Larger ones align bumps and folds that two persons do not share. With half of it, lids are matched better,
+            and lips worse.
         rim_weight: weight of a vertex on the rim of a lid or a lip, which the corresponding place on the target
             attracts. With five times as much, errors are alike on the heads that set it, and the largest gap of lids
             grows by a sixth.
@@ -58,25 +61,25 @@ class FaceRegistrationTuning(Tuning, set_by="faces"):
     """
 
     bending: tuple[float, ...] = tuned((1e-6, 1e-8, 1e-8), "at unit area", 1e-12, 1)
-    first_bending: float = tuned(1e-5, "at unit area", 1e-12, 1)
+    first_bending: float = tuned(1e-4, "at unit area", 1e-12, 1)
+    normal_weight: float = tuned(0.05, "at unit area", 0, 10)
     rim_weight: float = tuned(4.0, "mean areas of vertices", 0, 1000)
-    iterations: int = tuned(5, "steps", 1, 1000)
+    iterations: int = tuned(15, "steps", 1, 1000)
     moved: float = tuned(0.02, "1", 0, 1)
 
 
 FACE_REGISTRATION = FaceRegistrationTuning()
 SLIDING = 0.1  # weight of a squared distance along the surface against one across it
-NORMAL_WEIGHT = 0.2  # distance that counts as much as a unit difference of normals
 COMPATIBLE = 0.3  # smallest cosine between normals of partners
 OUTLIER = 6.0  # scale of robust weights, in medians of the distances
 SOLVED = 1e-3  # share of the first residual at which conjugate gradients end
-# The eyes are around what moves by more than the first share of the most in a blink: lids correspond less well around
-# the mean of all that moves, as in `face_landmarks`. Vertices within the second distance, relative to that between the
-# eyes, tell where an eye is on the target.
+# The centre of an eye is that of the vertices whose motion in a blink exceeds the first share of the largest one.
+# Around the mean of all moving vertices, as in `face_landmarks`, lids correspond less well. Vertices within the second
+# distance, relative to that between the eyes, determine the place of an eye on the target.
 LID, NEAR_EYE, NEAR_MOUTH = 0.5, 0.25, 0.25
 MARGIN = 0.1  # around what the keys move: the face is registered along with its surroundings
-# A face of fewer vertices has no details to register, and images farther from the target or from those of the map than
-# this are wrong.
+# A face with fewer vertices has no details to register. Images farther than this from the target, or from those of the
+# map, are wrong.
 MIN_VERTICES, NEAR, MAX_CHANGE = 500, 0.01, 0.1
 # Share of the face's area that must be registered; otherwise target and source differ too much, and the map remains.
 MIN_REGISTERED = 0.8
@@ -123,7 +126,7 @@ class _Face:
     def of(cls, offsets: Floats, expressions: list[Floats], mapped: MappedTarget) -> _Face | None:
         """The face that keys (n_s, keys, 3) move; None if it is too coarse.
 
-        The expressions (n_s, 3) tell the skin from other parts.
+        The expressions (n_s, 3) distinguish the skin from other parts.
         """
         source, target = mapped.source.working, mapped.target.working
         motion = on_working_mesh(source, np.sqrt(np.einsum("nkx,nkx->nk", offsets, offsets).max(axis=1)))
@@ -175,7 +178,8 @@ class _Face:
         stiffness, areas = mesh_laplacian(mesh.vertices, mesh.triangles)
         areas = np.maximum(areas, 1e-3 * areas.mean())  # bounds the energy of slivers
         energy = csc_array(stiffness @ diags_array(1 / areas) @ stiffness)
-        there = OrientedSurface(self.places, self.triangles, np.zeros(len(self.triangles), dtype=bool), NORMAL_WEIGHT)
+        unflipped = np.zeros(len(self.triangles), dtype=bool)
+        there = OrientedSurface(self.places, self.triangles, unflipped, FACE_REGISTRATION.normal_weight)
         displacement = self._first_displacement(energy)
         lids, lips = self._match_lids(displacement), self._match_mouth(displacement)
         rims, shifts = (np.concatenate(each) for each in zip(lids, lips, strict=True))
@@ -206,7 +210,7 @@ class _Face:
         Returns (t,) triangles, (t, 3) barycentric coordinates, and (t,) which of them were found.
         """
         mesh = self.mesh
-        here = OrientedSurface(moved, mesh.triangles, mesh.flipped, NORMAL_WEIGHT)
+        here = OrientedSurface(moved, mesh.triangles, mesh.flipped, FACE_REGISTRATION.normal_weight)
         triangle, weights, distance = here.closest(self.places, self.normals)
         corners = mesh.triangles[triangle]
         normals = vertex_normals(moved, mesh.oriented_triangles)
@@ -217,7 +221,7 @@ class _Face:
     def _match_lids(self, displacement: Floats) -> tuple[Integers, Floats]:
         """The vertices (r,) on the rims of the lids, and their shifts (r, 3) to those of the target.
 
-        A first displacement (n, 3) tells where its eyes are.
+        A first displacement (n, 3) gives the places of its eyes.
         """
         vertices, head = self.mesh.vertices, self.head
         chosen, shifts = [np.empty(0, dtype=np.int64)], [np.empty((0, 3))]
@@ -237,7 +241,7 @@ class _Face:
     def _match_mouth(self, displacement: Floats) -> tuple[Integers, Floats]:
         """The vertices (r,) along the line between the lips, and their shifts (r, 3) to that of the target.
 
-        A first displacement (n, 3) tells where its mouth is.
+        A first displacement (n, 3) gives the place of its mouth.
         """
         vertices, head, triangles = self.mesh.vertices, self.head, self.mesh.triangles
         none = np.empty(0, dtype=np.int64), np.empty((0, 3))

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from zoomout_core.arrays import Floats, Integers
+from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.transfer.keys.head_directions import HeadDirections
 from zoomout_core.transfer.pixels import INSIDE, pixels_near
 
-# Height of an image relative to its width: keys of both eyes that close the same ones place them on each other, which
-# would make the image as narrow as they are apart.
+# Minimum height of an image relative to its width. If the keys of both eyes close the same eye, both centres coincide,
+# and the image would be as narrow as the distance between them.
 MAX_HEIGHT = 20
 
 
@@ -91,3 +91,10 @@ def view_from_front(
     origin, shape = axes @ centre, (columns, rows)
     depth = (depth + origin[2]).reshape(shape)
     return FrontView(origin, pixel, depth, corners.reshape(*shape, 3), weights.reshape(*shape, 3))
+
+
+def enclosed_pieces(chosen: Booleans) -> Integers:
+    """(columns, rows) numbers from 1 of connected pieces of chosen pixels; 0 elsewhere, and for pieces at a border."""
+    piece, _ = scipy.ndimage.label(chosen)
+    border = np.concatenate([piece[[0, -1]].ravel(), piece[:, [0, -1]].ravel()])
+    return np.where(np.isin(piece, border), 0, piece)

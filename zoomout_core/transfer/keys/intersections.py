@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Faces of a target that shape keys push through others, as lips through teeth, unlike those of its source."""
+"""Faces of a target that shape keys push through others, such as lips through teeth, unlike those of its source."""
 
 from __future__ import annotations
 
@@ -20,8 +20,9 @@ IntersectingTriangles = Callable[[Floats, Integers, Integers, Integers], Integer
 
 # The strengths at which keys are looked at.
 STRENGTHS = 0.5, 1.0
-# Shares of a key's largest motion: triangles that move less count as still, and two still ones are not compared; and
-# triangles that intersect less deeply touch, as lips do that close: a tenth of a millimetre for a blink.
+# Shares of a key's largest motion. Triangles that move less than the first are still, and two still ones are not
+# compared. Triangles that intersect less deeply than the second only touch, like closing lips: a tenth of a millimetre
+# for a blink.
 STILL, TOUCHING = 0.05, 0.01
 # Cells along the largest side of what a key moves, and from one to another whose triangles may intersect its own.
 CELLS, BESIDE = 32, 2
@@ -37,8 +38,9 @@ class Intersections:
         source: the source at rest.
         target: the target at rest.
         images: (n_t, 3) the vertices of the source around the image of each vertex of the target; -1 where the map is
-            not valid, as if modifiers change the faces of the source.
-        intersecting_triangles: finds triangles that intersect, as by trees of bounding volumes, which the host has.
+            not valid, such as when modifiers change the faces of the source.
+        intersecting_triangles: finds triangles that intersect, such as by trees of bounding volumes, which the host
+            has.
     """
 
     source: Surface

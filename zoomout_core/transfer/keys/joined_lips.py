@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Lips that are joined on the target, as on scans, so that no key can open its mouth."""
+"""Lips that are joined on the target, such as on scans, so that no key can open its mouth."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from zoomout_core.transfer.keys.face_landmarks import (
 )
 from zoomout_core.transfer.mapped_target import MappedTarget
 
-# Lips are joined if edges lead from one to the other along this share of the mouth's width. Where they are not, errors
-# of the map do so along a third of it at most, on 13 heads; on two heads with joined lips, three quarters.
+# Lips are joined if edges lead from one to the other along this share of the mouth's width. On 13 heads with separate
+# lips, errors of the map do so along at most a third of it. On two heads with joined lips it is three quarters.
 JOINED = 0.55
 
 

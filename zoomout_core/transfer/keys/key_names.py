@@ -29,8 +29,8 @@ WORD = re.compile(r"[^\W\d_]+|\d+")
 SIDES = {"l": "left", "left": "left", "r": "right", "right": "right"}
 # The node or mesh that a program puts before a name.
 NODE = re.compile(r"^.*[.:|](?=.)")
-# Names are of a convention if they have at least this many of its names, and either half of the names are of it, or
-# half of its names are there: fewer may be chance, such as VRM's "a".
+# Names follow a convention if at least this many of them belong to it, and either half of them do, or half of its names
+# are present. Fewer may be chance, such as VRM's "a".
 MIN_NAMES, MIN_SHARE = 3, 0.5
 MANY_NAMES = 4096  # whose forms are kept: the names of the keys of one head are recognised several times
 # Missing names that are listed in a sentence.

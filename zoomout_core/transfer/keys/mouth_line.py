@@ -2,9 +2,9 @@
 """The line where the lips meet, seen from the front, and how the lips of two faces correspond.
 
 Seen from the front, the depth of a skin has a valley between the lips, whether they touch or not, and whatever is
-behind them. Its bottom is found in all columns of the image together, by dynamic programming (Amini et al., Using
-dynamic programming for solving variational problems in vision, 1990). Up to the corners of the mouth it is a crease;
-beyond them it is rounded, so that it vanishes if it is compared with its surroundings of a few millimetres only.
+behind them. Its bottom is found in all columns of the image at once by dynamic programming: Amini et al., Using dynamic
+programming for solving variational problems in vision (1990). It is a crease up to the corners of the mouth. Beyond
+them it is rounded, and vanishes in a comparison with its surroundings of a few millimetres.
 """
 
 from __future__ import annotations
@@ -14,21 +14,21 @@ from dataclasses import dataclass
 import numpy as np
 
 from zoomout_core.arrays import Booleans, Floats, Integers
-from zoomout_core.transfer.keys.front_view import view_from_front
+from zoomout_core.transfer.keys.front_view import enclosed_pieces, view_from_front
 from zoomout_core.transfer.keys.head_directions import HeadDirections
 
 # Lengths relative to the distance between the eyes, about 65 mm.
 HALF_WIDTH, HALF_HEIGHT = 0.55, 0.26  # of the image around a mouth
 SEARCHED = 0.2  # from the middle of the image, upwards and downwards, in which the line is searched
 VALLEY, CREASE = 0.2, 0.03  # heights that are closed in the image: above those of an opening, and of a crease
-OPEN = 0.05  # depth from which on lips are apart
+OPEN = 0.05  # depth above which lips are apart
 SHARP = 0.01  # depth of a crease between lips
 MIDDLE = 0.15  # half the width of the narrowest mouth
 LIP = 0.12  # height of a lip
 RIM = 0.02  # half the height of a rim
 COLUMNS, CENTRE_COLUMNS = 176, 24  # of the image around a mouth, and of the one in which its middle is searched
 BESIDE = 3  # pixels beside the rims, in which the crease is searched
-HOLES = 0.1  # share of the columns with holes in a lip from which on the line is not clear; up to .01 on whole lips
+HOLES = 0.1  # share of the columns with holes in a lip above which the line is unclear; at most .01 on whole lips
 MAX_RATIO = 1.5  # of the widths of the mouths of two persons
 PARTED = 0.3  # share of the largest motion of a jaw by which touching lips are parted
 
@@ -78,7 +78,7 @@ def find_lips(
 def find_mouth_line(vertices: Floats, triangles: Integers, centre: Floats, head: HeadDirections) -> MouthLine | None:
     """The line between the lips around a place (3,) in a skin of vertices (n, 3) and triangles (m, 3).
 
-    None if there is none, as between lips that are joined and level, or if the lips have holes.
+    None if the lips have holes, or no line between them, such as joined and level lips.
     """
     half = HALF_WIDTH * head.size, HALF_HEIGHT * head.size
     view = view_from_front(vertices, triangles, centre, head, half, COLUMNS)
@@ -101,7 +101,8 @@ def find_mouth_line(vertices: Floats, triangles: Integers, centre: Floats, head:
     right, left = _length(sharp[:middle][::-1], is_valley[:middle][::-1]), _length(sharp[middle:], is_valley[middle:])
     between = slice(middle - int(right), middle + int(left))
     is_lip = np.abs(row - line[:, None]) * view.pixel < LIP * head.size
-    has_hole = ((depth == OPEN) & is_lip & ~on_rims).any(axis=1)[between]
+    # The valley between lip and chin may be as deep, but leads out of the image.
+    has_hole = ((enclosed_pieces(depth == OPEN) > 0) & is_lip & ~on_rims).any(axis=1)[between]
     if min(left, right) * view.pixel < MIDDLE * head.size or has_hole.mean() > HOLES:
         return None
     return MouthLine(

@@ -22,8 +22,8 @@ TOLERANCE = 0.02
 MOST = 0.9
 # Fewer vertices determine no rotation.
 MIN_VERTICES = 4
-# All parts together are one rigid frame, such as the teeth and eyes of a skull, if the distance of their centres from
-# the best similarity is at most this share of the spread of the centres: on heads of other persons it is .02 to .09.
+# All parts together are one rigid frame, such as the teeth and eyes of a skull, if their centres deviate from the best
+# similarity by at most this share of their spread. On heads of other people this is .02 to .09.
 MAX_MISFIT = 0.1
 # Ratio of the width of the centres to their length below which they hardly determine a rotation, as two eyes do.
 MIN_WIDTH = 0.2
@@ -41,9 +41,9 @@ class _RigidParts:
 def move_rigid_parts(carried: Floats, offsets: Floats, frames: Frames, other_person: float) -> None:
     """Replace the offsets (n_t, keys, 3) of rigid parts of the target, in place, by rigid motions.
 
-    Takes the offsets (n_s, keys, 3) of the source. The motions are rotated and scaled like all parts together, if these
-    are one rigid frame, else like the body beside them: the map of a round part, such as an eyeball, does not tell how
-    it is rotated. The motions do not grow if source and target are two persons, see `Frames.other_person`.
+    Takes the offsets (n_s, keys, 3) of the source. Motions are rotated and scaled like all parts together if these are
+    one rigid frame, else like the body beside them. The map of a round part, such as an eyeball, does not determine its
+    rotation. The motions do not grow if source and target are two persons, see `Frames.other_person`.
     """
     target = frames.mapped.target
     partner = _partners(frames)

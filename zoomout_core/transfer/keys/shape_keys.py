@@ -48,8 +48,8 @@ class ShapeKeyTuning(Tuning, set_by="faces"):
     Attributes:
         smoothing_length: distance beyond which the rotated offsets determine it, about the height of a lip. Half of it
             leaves more torn edges, twice as much a larger gap between closed lids.
-        deviation: how far the image of an edge is from the rotated and scaled edge, as a share of its length, if the
-            difference of the offsets of its ends has a quarter of its weight.
+        deviation: distance between the image of an edge and the rotated and scaled edge, as a share of its length, at
+            which the difference of the offsets at its ends has a quarter of its weight.
     """
 
     smoothing_length: float = tuned(0.01, "at unit area", 1e-6, 1)

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Fit the bone transforms that take a surface from the rest pose to a pose, given its skin weights.
 
-A least squares problem, as in the smooth skinning decomposition of Le and Deng (2012): a weighted Procrustes fit of
-each bone first, then Gauss-Newton steps for all bones together. A step only needs the moments of pairs of bones. Images
-that may slide along a surface are fitted along its normals (point to plane: Chen and Medioni 1992), with the steps for
-articulated bodies of Pekelny and Gotsman (2008).
+A least squares problem, as in the smooth skinning decomposition of Le and Deng (2012). Each bone is first fitted by
+weighted Procrustes analysis, then Gauss-Newton steps fit all bones together. A step only needs the moments of pairs of
+bones. Images that may slide along a surface are fitted along its normals (point to plane: Chen and Medioni 1992), with
+the steps for articulated bodies of Pekelny and Gotsman (2008).
 """
 
 from __future__ import annotations
@@ -37,8 +37,8 @@ class BoneTuning(Tuning, set_by="binding"):
         coherence: weight of a bone's agreement with the bone that it shares most vertices with; bones with less area or
             trust follow that neighbour.
         of_others: the same if the points are of another body, whose proportions would else bend and shift bones. With
-            1, game animals at rest end a fifth closer to their own rest shape, but people in strong poses half as far
-            again from it.
+            1, game animals at rest end a fifth closer to their own rest shape, but people in strong poses half again as
+            far from it.
         radius: distance at which a difference of two rotations is converted to a distance of points.
         rounds: number of rounds of robust weights.
         steps: Gauss-Newton steps of a round.
@@ -145,10 +145,10 @@ def refine_pose(
 class _Fit:
     """The least squares problem of images y of points x by bones of weights w: sum of c |y - sum of w T x|^2.
 
-    With x~ = (x, 1) and transforms T (3, 4) it consists of the moments S of pairs of bones, sums of c w w' x~ x~^T, and
-    C of single ones, sums of c w y x~^T. Points and images are centred, in units of the points' extent. Images are also
-    divided by the common scale, so that the regularisation does not depend on it. Only bones that move something are
-    included.
+    With x~ = (x, 1) and transforms T (3, 4), it consists of moments: S for pairs of bones, the sums of c w w' x~ x~^T,
+    and C for single bones, the sums of c w y x~^T. Points and images are centred, in units of the points' extent.
+    Images are also divided by the common scale, so that the regularisation does not depend on it. Only bones that move
+    something are included.
     """
 
     def __init__(
@@ -322,8 +322,8 @@ def _step(fit: _Fit, tree: _Tree, now: Similarities, normals: Floats | None = No
     matrices = matrices_of(now)
     centre = transform_points(matrices, middle)
     directions = _directions(matrices, centre)
-    system = np.einsum("baix,bkxy,kciy->bakc", directions, fit.pairs, directions, optimize=True)
-    residual = fit.singles - np.einsum("kix,kbxy->biy", matrices, fit.pairs, optimize=True)
+    system = _between_bones(directions, fit.pairs)
+    residual = fit.singles - np.tensordot(matrices, fit.pairs, ((0, 2), (0, 2))).swapaxes(0, 1)
     load = np.einsum("baix,bix->ba", directions, residual)
     if normals is not None:
         along, pull = _along_normals(fit, now, centre, normals)
@@ -335,6 +335,18 @@ def _step(fit: _Fit, tree: _Tree, now: Similarities, normals: Floats | None = No
     turn = Rotation.from_rotvec(change[:, 0]).as_matrix()
     translation = np.einsum("bxy,by->bx", turn, now.translation - centre) + centre + change[:, 1]
     return Similarities(now.scale, turn @ now.rotation, translation)
+
+
+def _between_bones(directions: Floats, pairs: Floats) -> Floats:
+    """(b, 6, b, 6) products of derivatives (b, 6, 3, 4) of two bones, by moments of pairs of bones (b, b, 4, 4).
+
+    Most pairs have no common vertex, and are left out.
+    """
+    bone, other = np.nonzero(pairs[:, :, 3, 3])
+    half = directions[bone].reshape(-1, 18, 4) @ pairs[bone, other]
+    system = np.zeros((len(pairs), 6, len(pairs), 6))
+    system[bone, :, other] = half.reshape(-1, 6, 12) @ directions[other].reshape(-1, 6, 12).swapaxes(1, 2)
+    return system
 
 
 def _directions(matrices: Floats, centre: Floats) -> Floats:

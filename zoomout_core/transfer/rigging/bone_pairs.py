@@ -12,8 +12,8 @@ from scipy.spatial import cKDTree
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.transfer.rigging.humanoid import humanoid_bones, spelling
 
-# Maximum distance of a bone from its partner, as a share of the extent of all bones: wider than the error of joints
-# that are moved along a map (2 % of the height), and narrower than a hand.
+# Maximum distance of a bone from its partner, as a share of the extent of all bones. It is more than the error of
+# joints moved along a map (2 % of the height), and less than the width of a hand.
 REACH = 0.04
 # Heads closer to each other than this share of it are in the same place.
 SHARED = 0.002

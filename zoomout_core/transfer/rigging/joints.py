@@ -17,8 +17,8 @@ from zoomout_core.transfer.dressing.form import Lines
 # Vertices that a joint follows: about the two nearest rings of a tube of ten sides. With three times as many, joints of
 # skirts are twice as far from their places; with a third, noise of single vertices shows.
 NEIGHBOURS = 20
-# A joint also follows all vertices within this multiple of the distance of the nearest one, because the motion of a
-# small patch cannot be extrapolated to a joint far from the surface, such as the pole target of a knee.
+# A joint follows all vertices within this multiple of its distance from the nearest one. The motion of a small patch
+# cannot be extrapolated to a joint far from the surface, such as the pole target of a knee.
 SPREAD = 2.0
 # Standard deviation of the vertices' weights, as a share of the distance of the farthest one.
 WIDTH = 0.5

@@ -24,8 +24,8 @@ from zoomout_core.transfer.rigging.skinning import normalise
 
 # The hips are the first joint from the root that carries this share of the skin, above this share of the height.
 CARRIED, HIGH = 0.5, 0.25
-# Lengths relative to the legs: points of the source that stand on the ground are this close to it; points that touch
-# are this close in a pose, and at least so far apart at rest.
+# Lengths relative to the legs: maximum distance of the source's standing points from the ground, maximum distance of
+# touching points in a pose, and their minimum distance at rest.
 ON_GROUND, TOUCHING, FAR = 0.03, 0.06, 0.3
 # Largest number of vertices of the target that are compared, and of those between which distances are measured.
 MAX_POINTS, MAX_TOUCHING = 50_000, 1500
@@ -79,7 +79,8 @@ class MotionCheck:
         sliding: mean speed along the ground, relative to the source's, of points that stand there on the source; per
             second.
         sinking: how much deeper its lowest point is below the ground than the source's, at most.
-        floating: how much higher its lowest point is while the source stands on the ground, at most.
+        floating: how much higher its lowest point is than the source's, while that is on the ground, or below, which
+            counts as on it; at most.
         parting: how much farther apart points are that touch on the source, such as a hand and the hips, at most.
     """
 
@@ -140,7 +141,7 @@ def check_motions(
                 motion.name,
                 _sliding(images, after, standing, up) / motion.step,
                 float((np.minimum(low, 0) - own_low).max(initial=0)),
-                float((own_low - low)[standing.any(axis=0)].max(initial=0)),
+                float((own_low - np.maximum(low, 0))[standing.any(axis=0)].max(initial=0)),
                 _parting(images, after, at_rest),
             )
         )

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Find the pose of a target, and its rest shape, by the map to a rigged source.
 
-The map gives an initial pose. If it takes the target to the source's own body at rest, the target's vertices are
-projected to the source at rest, and bones are fitted along normals. Then errors of the map along the surface, which
-shift whole limbs, no longer matter. Free bones also bend and shift another body until it nearly fits, but never as well
-as the same one: then bones that lean on each other are fitted to the map alone. Where the map is wrong, such as below
-clothes, it bends bones of a target that is at rest: a target that fits the source at rest as well by one similarity as
-by all bones is at rest.
+The map gives an initial pose. If it takes the target to the source's own body at rest, its vertices are projected to
+the source at rest, and bones are fitted along normals. Then errors of the map along the surface, which shift whole
+limbs, no longer matter. Free bones also bend and shift another body until it nearly fits, but never as well as the same
+body. Bones of another body are coupled, and fitted to the map alone. Where the map is wrong, such as below clothes, it
+would bend bones of a target that is at rest. A target is at rest if one similarity fits it to the source at rest as
+well as all bones do.
 """
 
 from __future__ import annotations
@@ -41,8 +41,8 @@ class RestTuning(Tuning, set_by="binding"):
         same_body: median distance from the source at rest up to which the target may be the same body.
         settled: the same after the last round, up to which it is.
         faceted: further distance on account of the source's faces, as a multiple of the height of their arcs. With
-            both, characters in other poses end at .1 to .9 of the limit, also as one skin of voxels if their map is
-            right; animals and people of other builds at .8 to 4 times it.
+            both, characters in other poses end at .1 to .9 times the limit, also after voxel remeshing if their map is
+            right. Animals and people of other builds end at .8 to 4 times the limit.
         near: maximum distance from the source for projecting a vertex.
         along: maximum distance of the projection from the map's image.
         facing: minimum cosine between both normals.
@@ -177,7 +177,7 @@ def _project_at_rest(
 
 
 def _height_of_arcs(surface: Surface) -> float:
-    """The median height of the arcs over the edges of a surface, at unit area: a smooth surface lies that far off."""
+    """The median height of the arcs over the edges of a surface, at unit area: the error of its facets."""
     mesh = surface.working
     edges, _ = unique_edges(mesh.triangles)
     chords, turns = (each[edges[:, 1]] - each[edges[:, 0]] for each in (mesh.vertices, mesh.vertex_normals))

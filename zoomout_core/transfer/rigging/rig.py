@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Move the joints of a rig into a body of another build.
 
-Each joint first moves with the surface around it, weighted by area and the inverse cube of the distance: near the
-middle of a body the whole cross-section counts, and no patch of skin alone. A joint deep inside is known less precisely
-than one below the skin, so the final positions solve a least squares problem: joints stay near their places, weighted
-by the inverse square of their depth; a joint between two bones keeps its place between their other ends (differential
-coordinates: Lipman et al., Differential coordinates for interactive mesh editing, 2004), which preserves ratios of
-lengths and the plane in which a chain bends; and bones keep their directions. If the rig is symmetric, and the target's
-surface or the result is, the result is made exactly symmetric: errors of the map on one side are halved.
+Each joint first moves with the surface around it, weighted by area and the inverse cube of the distance. Near the
+middle of a body, this takes the whole cross-section into account instead of one patch of skin. A joint deep inside is
+known less precisely than one below the skin, so the final positions solve a least squares problem: joints stay near
+their places, weighted by the inverse square of their depth; a joint between two bones keeps its place between their
+other ends (differential coordinates: Lipman et al., Differential coordinates for interactive mesh editing, 2004), which
+preserves ratios of lengths and the plane in which a chain bends; and bones keep their directions. If the rig is
+symmetric, and so is the target's surface or the result, the result is made exactly symmetric. This halves errors of the
+map on one side.
 """
 
 from __future__ import annotations
@@ -35,16 +36,16 @@ class RigTuning(Tuning, set_by="rigs"):
     """The joints of a rig in another body.
 
     Attributes:
-        between: weight of a joint's place between its neighbours, times the product of the distances from these,
-            relative to that of its own place, times the square of its depth.
+        between: weight of a joint's place between its neighbours, times the product of its distances from them,
+            relative to the weight of its own place, times the square of its depth.
         along: weight of a bone's direction and length, times the square of its length, relative to the same.
         shallow: the depth of joints closer to the surface than this.
-        symmetric: largest distance of a joint from the mirror image of its partner, or of the surface from its own
-            mirror image, relative to the root mean square distance of joints from their mean, for them to count as
-            symmetric.
+        symmetric: largest distance of a joint from the mirror image of its partner, and of the surface from its own
+            mirror image, in a symmetric rig or surface. Relative to the root mean square distance of joints from their
+            mean.
         falloff: power of the distance from a joint by which the weight of the surface around it falls.
-        coarse: number of vertices below which a target is too coarse to give the source its shape; then joints follow
-            the images of the target's vertices.
+        coarse: number of vertices below which a target is too coarse for the source to take its shape. Joints then
+            follow the images of the target's vertices.
     """
 
     between: float = tuned(16.0, "1", 0, 1e6)
@@ -59,18 +60,18 @@ RIG = RigTuning()
 
 # Joints closer to each other than this, relative to the largest coordinate, are one joint: rounding of single floats.
 SAME_PLACE = 1e-5
-# Weight of the surface's rotation where bones determine only some axes of a joint's rotation: it decides the roll of a
-# bone, and hardly changes its direction.
+# Weight of the surface's rotation, for joints whose bones determine only some axes of their rotation. It decides the
+# roll of a bone, and hardly changes its direction.
 ROLL = 1e-3
-# Distance of a bone's ends from a longer bone, relative to its own length, up to which it is along that bone; and how
-# much longer that bone is.
+# A bone is along a longer bone if its ends are within the first number of it, relative to the bone's own length, and
+# the other is at least the second number times as long.
 ON_BONE, LONGER = 0.01, 1.01
 # Rounds of assigning joints to mirror images, which converge after two or three.
 ROUNDS = 5
 # A rig is symmetric if at least this share of its joints is: others may belong to a weapon in one hand.
 MIN_PAIRED = 0.8
-# A surface is symmetric if at least this share of its points is: 1 to 2.5 % of the joints' extent lie between these and
-# their mirror images on the bodies of `benchmarks rigs`, but .05 around folds and nails.
+# A surface is symmetric if at least this share of its points is. On the bodies of `benchmarks rigs`, points are 1 to
+# 2.5 % of the joints' extent from their mirror images, but 5 % around folds and nails.
 SYMMETRIC_SHARE = 0.99
 
 
@@ -88,8 +89,8 @@ def move_rig(
         parents: (j,) the number of each joint's parent, -1 for none.
 
     Returns:
-        Positions of the joints in the target, and the rotations of the bones that begin there: towards their new
-            directions, with a roll that follows the surface.
+        Positions of the joints in the target, and rotations of the bones that begin there. They rotate bones to their
+        new directions, with a roll that follows the surface.
 
     Raises:
         MeshError: the map is of other surfaces, or nothing corresponds.

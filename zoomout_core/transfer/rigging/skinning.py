@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Skinning: how bones move a surface.
 
-A vertex moves by the mean of the transforms of its bones, weighted by its skin weights: of matrices (linear blend
-skinning), or of dual quaternions, which preserve volume (Kavan et al., Geometric skinning with approximate dual
-quaternion blending, 2008).
+A vertex moves by the mean of the transforms of its bones, weighted by its skin weights. The transforms are matrices
+(linear blend skinning), or dual quaternions, which preserve volume: Kavan et al., Geometric skinning with approximate
+dual quaternion blending (2008).
 """
 
 from __future__ import annotations

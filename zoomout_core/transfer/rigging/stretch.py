@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Check transferred skin weights before they are written: play the bones, and find the edges that stretch too far.
 
-A patch with the weights of another limb is invisible at rest, and shoots across the screen in the first pose. So the
-bones of the source are turned to extremes, the source and the target follow by linear blend skinning, and an edge is
+A patch with the weights of another limb is invisible at rest, and shoots across the screen in the first pose. The bones
+of the source are therefore rotated to extremes, and source and target follow by linear blend skinning. An edge is
 stretched if it grows much more than the source does at its image. Weights there are filled in from the surroundings.
 """
 
@@ -33,8 +33,8 @@ class StretchTuning(Tuning, set_by="everywhere"):
         min_growth: and by more than this ratio,
         min_length: and is longer in a pose than this fraction of the surface's size.
         rings: edges around a stretched one within which weights are filled in at first,
-        widening: and by this multiple as many in each further round: a wide repair replaces weights that are right, but
-            the skin over the joints of a robot of rigid parts needs up to 38 edges.
+        widening: factor by which this number grows in each further round. A wide repair replaces right weights, but the
+            skin over the joints of a robot of rigid parts needs up to 38 edges.
         rounds: maximum number of repairs while edges are stretched.
     """
 

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Take a posed surface to the rest pose: by the inverse of skinning where it is trusted, and elsewhere smoothly.
 
-Where weights or the map are in doubt, or where skinning has folded the surface so far that its inverse tears it, the
-surface keeps its own differential coordinates, rotated with its surroundings (Lipman et al., Differential coordinates
-for interactive mesh editing, 2004; as rigid as possible: Sorkine and Alexa 2007).
+The inverse tears the surface where skinning has folded it. There, and where weights or the map are doubtful, the
+surface keeps its own differential coordinates, rotated with its surroundings: Lipman et al., Differential coordinates
+for interactive mesh editing (2004), and as rigid as possible, Sorkine and Alexa (2007).
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Islands of a bone on a target: patches cut off from the region that the bone moves, where the source has one region.
 
-A patch of the forearm's weights on the hip follows the arm in every pose. The source tells islands from regions that
-are apart on purpose, such as the two sleeves that a single bone moves.
+A patch of the forearm's weights on the hip follows the arm in every pose. The source distinguishes islands from regions
+that are apart on purpose, such as the two sleeves that a single bone moves.
 """
 
 from __future__ import annotations
@@ -17,7 +17,8 @@ from zoomout_core.mesh.triangles import unique_edges
 from zoomout_core.transfer.groups import label_groups
 from zoomout_core.transfer.rigging.skinning import strongest
 
-# Largest area of an island relative to that of the region that it is cut off from: nothing tells which of two is right.
+# Largest area of an island relative to that of the region that it is cut off from: otherwise it is unknown which of two
+# is right.
 MAX_ISLAND = 0.25
 
 

@@ -25,9 +25,9 @@ from zoomout_core.transfer.rigging.weight_islands import find_islands
 
 # Weights that sum to one up to rounding are meant to.
 SUM_TOLERANCE = 0.01
-# Edges over which a group fades out towards vertices where a limit drops it. With 13 to 29 smooth groups to a vertex
-# limited to four, 3 reduces the larger steps between neighbours (99th percentile) by 16 to 37 %, for 6 to 23 % more
-# error; fading further gains little.
+# Edges over which a group fades out towards vertices where a limit drops it. If vertices with 13 to 29 smooth groups
+# are limited to four, 3 reduces the larger steps between neighbours (99th percentile) by 16 to 37 %, for 6 to 23 % more
+# error. Fading further gains little.
 FADING_EDGES = 3
 # Smallest mean change of the weights of an island, summed over groups, for which it is filled in.
 MIN_ISLAND_CHANGE = 0.5
@@ -46,10 +46,10 @@ def mix_weights(
 ) -> Attribute:
     """Weights (n, groups) at vertices, sparse throughout.
 
-    Weights below 1e-4 are dropped. Each vertex keeps the `limit` largest weights of the `normalised` groups, scaled to
-    sum to one where the source's do, and elsewhere to keep their sum, as far as there is `room`. Other groups are
-    mixed only. Vertices without any weight stay without. Vertices of too little confidence are filled in, and so are
-    islands of the `normalised` groups, see `find_islands`.
+    Weights below 1e-4 are dropped. Each vertex keeps the `limit` largest weights of the `normalised` groups. They are
+    scaled to sum to one where the source's do, and elsewhere to keep their sum, as far as there is `room`. Other groups
+    are mixed only. Vertices without any weight stay without. Vertices of too little confidence are filled in, and so
+    are islands of the `normalised` groups, see `find_islands`.
 
     Args:
         attribute: values are a sparse (n_s, groups) array.
@@ -58,8 +58,8 @@ def mix_weights(
             that deform and are not locked. All, when not given.
         limit: how many of these a vertex may have; the most that one has on the source, when not given. Where it
             is less than that, groups fade out, see `limit_weights`.
-        sums: (n_s,) what the groups that share a vertex sum to on the source, with those that are locked on the
-            target; that of the `normalised` ones, when not given.
+        sums: (n_s,) sums of the groups that share a vertex on the source, including those that are locked on the
+            target. None for the sums of the `normalised` groups.
         room: (n_t,) or a number: what locked groups leave of each vertex of the target.
 
     Raises:
@@ -205,7 +205,7 @@ def mixing_matrix(mapped: MappedTarget) -> Any:
 
 
 def _neighbours(surface: Surface) -> csr_array:
-    """(n, n) which vertices of a surface lie at most an edge apart, where borders that coincide are one."""
+    """(n, n) which vertices of a surface are at most an edge apart, where borders that coincide are one."""
     working = surface.working
     edges, _ = unique_edges(working.triangles)
     count, places = len(surface.vertices), len(working.vertices)

@@ -37,7 +37,7 @@ MIN_VOLUME = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """Images of one meaning, such as the base color, on a source of m triangles and c corners."""
+    """Images of one role, such as the base color, on a source of m triangles and c corners."""
 
     images: Sequence[Pixels]  # with equal numbers of channels, all of eight bits or all of single precision
     number: Integers  # (m,) the image of each triangle, -1 for none
@@ -219,7 +219,7 @@ def _blocks(atlas: Floats, width: int, height: int) -> Iterator[tuple[Integers, 
 
 
 def _fill(images: Sequence[Pixels], found: Sequence[Booleans]) -> list[Pixels | None]:
-    """Images whose texels without a value have that of the nearest one; None for one without any value."""
+    """Fill texels without a value from the nearest one with a value; None for an image without any value."""
     from scipy.ndimage import distance_transform_edt  # on first use: only baking needs it
 
     filled = list[Pixels | None]()

@@ -82,7 +82,7 @@ def _faults(chart: Chart, mapped: MappedTarget, seed: Integers, uv: Floats) -> t
 def _flipped_faces(chart: Chart, mapped: MappedTarget, seed: Integers, signed: Floats) -> Booleans:
     """(f,) which faces of the target, whose triangles have UV areas (m,), are flipped relative to the source's seeds.
 
-    Where the source's own UVs are flipped or fold, as mirrored ones do at the middle of a character, faces beside the
+    Where the source's own UVs are flipped or fold, such as mirrored ones at the middle of a character, faces beside the
     fold may have either orientation. So a face is flipped only if no triangle around its seed has its orientation.
     """
     source, target = mapped.source, mapped.target

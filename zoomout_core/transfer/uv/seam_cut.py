@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Cut the target open, so that its UV islands end exactly where the source's do.
 
-A face of the target that crosses a seam of the source belongs to one island only, so borders between islands are ragged
-by the size of a face. Where a target's edge crosses a seam, a new vertex on it makes the border exact. Faces are
-divided between two such places, or, where seams meet in a face, from several to a new vertex at the meeting point.
-Nothing else of the target changes.
+A target face that crosses a seam of the source belongs to one island only, so borders between islands are jagged by the
+size of a face. Where a target's edge crosses a seam, a new vertex on it makes the border exact. Faces are divided
+between two such places, or, where seams meet in a face, from several to a new vertex at the meeting point. Nothing else
+of the target changes.
 """
 
 from __future__ import annotations

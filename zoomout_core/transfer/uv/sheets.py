@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The sheets from which each face of the target might take its UVs.
 
-A sheet is a part of the source around a face that is joined without a seam, so the two sides of a seam are two sheets
-even within one island. A face that might cross a seam is sampled, and its samples vote for sheets.
+A sheet is a part of the source around a face within which no seam runs. The two sides of a seam are two sheets, even
+within one island. A face that might cross a seam is sampled, and its samples vote for sheets.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from zoomout_core.transfer.uv.chart import Chart
 
 # Maximum number of sheets per face; more meet in one face only if it is larger than islands.
 MAX_SHEETS = 4
-# Fraction of the way to the centre of its face by which a corner is moved to choose its triangle, to stay on the face's
-# side of a seam.
+# To choose its triangle, a corner is moved towards the centre of its face by this fraction, so that it stays on the
+# face's side of a seam.
 INWARD_SHIFT = 0.01
 
 
@@ -67,7 +67,7 @@ def sheets_of(chart: Chart, mapped: MappedTarget) -> Sheets:
 def _read(
     chart: Chart, mapped: MappedTarget, near: Booleans, candidates: Candidates, seed: Integers, middle: Floats
 ) -> Sheets:
-    """The corners of each candidate's face on its sheet; they are searched only for faces near a border."""
+    """The corners of each candidate's face on its sheet, which are searched only for faces near a border."""
     target, cut, face = mapped.target, chart.cut, candidates.face
     candidate, corner = corners_of_faces(target, face)
     vertex = target.corner_vertex[corner]
@@ -88,8 +88,8 @@ def _sample_sheets(cut: CutSurface, mapped: MappedTarget, faces: Integers) -> tu
     """The sheets that contain samples of some faces of the target.
 
     Returns:
-        For each sheet its face, a triangle and a point on it, the sample nearest to the face's centre, and its share of
-        the face's votes.
+        For each sheet: its face, a triangle of it and a point there, the sample nearest to the face's centre, and its
+            share of the face's votes.
     """
     samples = mapped.samples(faces)
     points = np.einsum(

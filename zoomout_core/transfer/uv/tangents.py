@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Tangent spaces of normal maps, by the rules of MikkTSpace, which Blender, glTF, Unity and Unreal share.
 
-Mikkelsen, Simulation of wrinkled surfaces revisited (2008): a corner's tangent is the mean direction of growing u over
-the triangles that share its vertex, UV and normal, projected to the plane of the normal and weighted by their angles.
+Mikkelsen, Simulation of wrinkled surfaces revisited (2008). A corner's tangent is the mean direction of growing u over
+the triangles that share its vertex, UV and normal. Directions are projected to the plane of the normal, and weighted by
+the triangles' angles.
 """
 
 from __future__ import annotations

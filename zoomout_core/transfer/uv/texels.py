@@ -82,7 +82,7 @@ class Islands:
 
     @cached_property
     def _border(self) -> tuple[Integers, cKDTree]:
-        """(b, 2) columns and rows of the own texels beside others, one of which is the nearest, and their tree."""
+        """(b, 2) columns and rows of own texels beside others, and their tree; the nearest own texel is among them."""
         number, place = np.divmod(self._owned, self._width * self._height)
         y, x = np.divmod(place, self._width)
         around = [self._own(x + right, y + up, number) for right, up in ((1, 0), (-1, 0), (0, 1), (0, -1))]

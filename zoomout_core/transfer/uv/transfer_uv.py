@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Transfer UV maps: every face of the target is in one island of the source, on one side of each of its seams.
 
-A face that might cross a seam is sampled. Its samples are on one or several sheets: parts of the source that are joined
-around the face without a seam between them, of different islands or the two sides of a seam within one. The face takes
-one sheet by vote, and all its corners are read there; corners beyond the sheet's border continue it linearly. Faces
-that agree about a corner share it, so the target has seams only where the source has one.
+A face that might cross a seam is sampled. Its samples are on one or several sheets: parts of the source around the face
+that are divided by seams, such as parts of different islands, or the two sides of a seam within one. The face takes one
+sheet by vote, and all its corners are read there; corners beyond the sheet's border continue it linearly. Faces that
+agree about a corner share it, so the target has seams only where the source has one.
 """
 
 from __future__ import annotations

@@ -16,7 +16,8 @@ from zoomout_core.transfer.wrapping.subdivision import limit_points
 # Rounds of projecting the limit surface onto the source.
 PROJECTION_ROUNDS = 4
 # Weights relative to squared distances of the limit from its projections: of differences in motion between a vertex and
-# its neighbours, which fixes patterns that no limit point determines (such as alternating vertices), and of the motion.
+# its neighbours, and of the motion itself. The first determines patterns that no limit point does, such as alternating
+# vertices.
 FAIRNESS_WEIGHT = 3e-3
 MOTION_WEIGHT = 1e-4
 

@@ -28,7 +28,7 @@ class Coarsening:
         """Decimate a mesh of consistently wound triangles (m, 3) on vertices (n, 3) to about `count` vertices.
 
         The place of a vertex is the closest point near the vertex that it was merged into, so that vertices of touching
-        limbs stay on their own.
+        limbs stay on their own limb.
         """
         points, coarse, merged = decimate(vertices, triangles, count)
         # Each group of merged vertices is represented by the one nearest to their new position.

@@ -3,9 +3,10 @@
 
 The images of the target's vertices are noisy, folded in places, and as uneven as the map. The target's own edges,
 rotated with their surroundings by the map, regularise them. Each round updates the rotations, then solves for positions
-near the goals of the vertices: closest points with similar normals, source vertices that no vertex would reach, and
-images where the map is sound. All rounds of a stage have the same matrix and share one factorisation (as in projective
-dynamics, Bouaziz et al. 2014). The stiff stages of large targets run on a coarse copy, which resolves their motion.
+near the goals of the vertices. Goals are closest points with similar normals, source vertices that no vertex would
+reach, and images where the map is right. All rounds of a stage have the same matrix and share one factorisation (as in
+projective dynamics, Bouaziz et al. 2014). The stiff stages of large targets run on a coarse copy, which resolves their
+motion.
 """
 
 from __future__ import annotations

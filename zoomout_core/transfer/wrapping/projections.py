@@ -126,7 +126,7 @@ class Projections:
         return np.asarray((self.places + image_pull[:, None] * self.images) / (1 + image_pull)[:, None])
 
     def facing(self, normals: Floats) -> Floats:
-        """(n,) how far vertices with outward normals (n, 3) may move to their projections, in [0, 1]."""
+        """(n,) share, in [0, 1], of the way to their projections that vertices with outward normals (n, 3) may move."""
         return np.clip(np.einsum("nx,nx->n", normals, self.normals) / PROJECTION.facing, 0, 1)
 
     def _outward_normals(self, positions: Floats) -> Floats:

@@ -94,7 +94,7 @@ class Unfolding:
         return self._flatten(positions)
 
     def _flatten(self, positions: Floats) -> Floats:
-        """(n, 3) positions, averaged around faces that are still folded; from the round with the fewest of these."""
+        """(n, 3) positions, averaged around faces that are still folded, of the round with the fewest folded faces."""
         best, least = positions, int(self.turned_triangles(positions).sum())
         for number in range(UNFOLD.releases):
             turned = self.turned_triangles(positions)

@@ -73,23 +73,23 @@ def wrap(
 ) -> Wrapped:
     """Give the target's topology the source's shape.
 
-    Vertices are on the source, edges flow evenly, and no face flips. Parts without a partner on the source keep
-    their form and follow their surroundings; loose parts, such as eyes and teeth, rotate and scale as a whole.
+    Vertices are on the source, edges flow evenly, and no face flips. Parts without a partner on the source keep their
+    form and follow their surroundings. Loose parts, such as eyes and teeth, rotate and scale as a whole.
 
     Args:
         result: the match, or only its map, of each target vertex to a point of the source.
         source: the surface with the shape.
         target: the surface that receives it.
-        smoothness: how evenly edges flow, from 0, where vertices stay near their images by the map, to 1, where faces
-            keep their form as far as the source's surface allows.
+        smoothness: how evenly edges flow, in [0, 1]. At 0 vertices stay near their images; at 1 faces keep their form
+            as far as the source's surface allows.
         detail: how far to follow the source's detail, from 0 for its coarse form only, with the target's own detail, to
             1 for its surface.
         mask: (n_t,) how far each vertex is wrapped, in [0, 1]; the others keep their form and move along. All, when not
             given.
-        landmarks: for the source and the target either vertex numbers (m,) or points (m, 3), which are projected to the
-            surface; the target's are placed exactly on the source's.
-        subdivided: whether the target is the cage of a subdivision surface (Catmull and Clark 1978): then its limit
-            surface is fitted to the source, and landmarks are places on that.
+        landmarks: places on the source and on the target, either vertex numbers (m,) or points (m, 3), which are
+            projected to the surface. The target's are moved exactly to the source's.
+        subdivided: whether the target is the cage of a subdivision surface (Catmull and Clark 1978). If so, its limit
+            surface is fitted to the source, and landmarks are places on the limit surface.
         progress: called with the `Progress`, see `zoomout_core.progress`.
 
     Raises:
@@ -211,7 +211,7 @@ def _places_of_landmarks(given: tuple[ArrayLike, ArrayLike] | None, source: Surf
 
 
 def _pins(landmarks: Landmarks, vertices: Integers, n: int, unit: float) -> Pins:
-    """Landmarks as places on a mesh of n vertices, which has the target's under other numbers (m, 3).
+    """Landmarks as places on a mesh of n vertices, in which the target's triangles have other vertex numbers (m, 3).
 
     Positions are in a unit of the source's.
     """
@@ -234,7 +234,7 @@ def _places(role: str, surface: Surface, given: ArrayLike) -> tuple[Integers, Fl
 
 
 def _on_surface(fit: Fit, positions: Floats, target: Surface) -> Floats:
-    """(n_t, 3) positions of all vertices of the target; a vertex without a face follows the nearest other one."""
+    """(n_t, 3) positions of all vertices of the target; a vertex without a face follows the nearest one with a face."""
     number = target.working.vertex_of
     found = positions[number]
     unused = np.flatnonzero(number < 0)

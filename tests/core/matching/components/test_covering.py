@@ -97,7 +97,7 @@ def test_closed_shell_is_wound_by_its_volume_not_by_the_hull() -> None:
 
 
 def test_a_strand_with_an_open_end_is_wound_by_its_volume() -> None:
-    # It lies in the hull with the side that faces away from the nearest part of it.
+    # It is in the hull with the side that faces away from the nearest part of it.
     inner = ball(0.2, (0.6, 0, 0), count=400)
     open_end = inner.vertices[inner.triangles][:, :, 0].min(axis=1) > 0.78
     strand = Surface(inner.vertices, inner.triangles[~open_end])

@@ -93,7 +93,7 @@ def test_shirt_covers_the_body_below_it() -> None:
 
 
 def images_below_a_shirt(cover: float) -> np.ndarray:
-    """The parts that vertices of a body map to, which lie below a shirt: 0 for the body, 1 for the shirt."""
+    """The parts that vertices of a body map to, which are below a shirt: 0 for the body, 1 for the shirt."""
     side = side_of(both(sheet(0, 1), sheet(0.3, 0.7, 0.005)))
     component = side.mesh.component[side.mesh.triangles[:, 0]]
     points = np.stack([np.linspace(0.35, 0.65, 20), np.full(20, 0.5), np.full(20, 0.001)], axis=1)

@@ -49,7 +49,7 @@ def test_turns_have_unit_deviation_and_are_antisymmetric(places: LandmarkFeature
 
 def test_distances_and_turns_are_smoothed_a_little(shape: ShapeAnalysis, places: LandmarkFeatures) -> None:
     exact = dijkstra(edge_graph(shape.mesh.vertices, shape.mesh.triangles), indices=TIPS[:2]).T
-    rough = pseudo_scalars(shape.mesh, shape.basis.areas, places.distances[:, :1], places.distances[:, 1:2])
+    rough = pseudo_scalars(shape.mesh, shape.basis.areas, places.distances, *np.array([[0], [1]]))
     for before, after in ((exact[:, :1], places.distances[:, :1]), (rough, places.turns[:, 0, 1:2])):
         left = (shape.basis.coefficients(after) / shape.basis.coefficients(before))[1:, 0]
         assert (np.diff(left) < 0).all()

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from creatures import creature
 from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
 from shapes import LOPSIDED_TORUS, STONE, TORUS, VASE, shape
 from solids import CUBE, ICOSAHEDRON, OCTAHEDRON, TETRAHEDRON, prism, pyramid, solid
 
@@ -19,6 +20,7 @@ import zoomout_core as zo
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.ranking.rotational_symmetry import (
     MAX_ROTATIONS,
+    _promising,
     certainty_but_for_turns,
     likely_turns,
     self_maps,
@@ -107,6 +109,14 @@ def test_vase_torus_and_square_have_rotations() -> None:
 )
 def test_nearly_symmetric_shapes_have_no_rotations(surface: Surface) -> None:
     assert not len(self_maps(analyse_coarsely(surface)))
+
+
+def test_starts_that_converge_to_one_rotation_are_refined_once() -> None:
+    points = np.random.default_rng(0).normal(size=(50, 3))
+    angles = [0.0, 0.01, 1.0, 1.01, 2.0]
+    rotations = Rotation.from_rotvec([[0, 0, angle] for angle in angles]).as_matrix()
+    distance = np.array([0.01, 0.002, 0.003, 0.004, 1.0])  # the last is far from the shape
+    assert _promising(rotations, distance, points / np.linalg.norm(points)).tolist() == [1, 2]
 
 
 def test_self_map_rotates_functions_with_the_shape() -> None:

@@ -16,6 +16,7 @@ from zoomout_core.matching.preparation.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.refinement.extremity_pins import PINS, _pair, pin_extremities
 from zoomout_core.matching.registration.nonrigid_icp import fit_nonrigid
 from zoomout_core.samples import BODY, LIMBS
+from zoomout_core.samples.spheres import ball
 from zoomout_core.tuning import retune
 
 LEGS = 2, 3
@@ -86,6 +87,13 @@ def test_images_of_a_limb_are_stretched_to_its_tip() -> None:
 
 def test_map_that_reaches_all_tips_is_kept() -> None:
     assert pin_extremities(*true_maps(), *shapes()) is None
+
+
+def test_map_of_a_shape_without_extremities_is_kept() -> None:
+    surface = ball(1.0, count=400, seed=0)
+    shape = analyse(surface.working.part(0)[0], 60, 200, 0, None)
+    same = SurfaceMap.from_vertices(np.arange(400), surface)
+    assert pin_extremities(same, same, shape, shape) is None
 
 
 def test_map_that_falls_short_of_a_single_tip_is_kept() -> None:

@@ -213,3 +213,86 @@ def test_vertices_move_with_several_nodes_nearest_first(shape: ShapeAnalysis) ->
     # Connected nodes are near: their geodesic distance is at most a few node spacings.
     between = shape.distances[:40][:, nodes.vertex][nodes.first, nodes.second]
     assert between.max() < 6 * np.sqrt(1 / 40)
+
+
+def stretched(shape: ShapeAnalysis, factor: float) -> tuple[DeformationGraph, np.ndarray]:
+    """A graph that is fitted to a shape's vertices stretched along an axis, and these."""
+    images = shape.mesh.vertices * [factor, 1, 1]
+    nodes = Nodes.on(shape, 60)
+    return DeformationGraph.from_images(
+        nodes, shape.mesh.vertices, shape.mesh.vertex_normals, images, shape.basis.areas
+    ), images
+
+
+def test_stretch_of_surroundings_moves_vertices_closer_to_their_images(shape: ShapeAnalysis) -> None:
+    bending, images = stretched(shape, 1.4)
+    before = np.linalg.norm(bending.deform()[0] - images, axis=1).mean()
+    bending.adapt_stretch()
+    assert np.linalg.norm(bending.deform()[0] - images, axis=1).mean() < 0.75 * before
+    # Half of the stretch, along that axis alone.
+    np.testing.assert_allclose(np.median(bending.stretch, axis=0), np.diag([1.2, 1, 1]), atol=0.05)
+
+
+def test_offsets_from_stretched_nodes_lead_to_the_vertices(shape: ShapeAnalysis) -> None:
+    bending, _ = stretched(shape, 1.4)
+    bending.adapt_stretch()
+    vertex, nodes = np.arange(len(bending.rest)), bending.nodes
+    places = bending.offsets(vertex) + bending.images[nodes.near]
+    np.testing.assert_allclose(np.einsum("nc,ncx->nx", nodes.weight, places), bending.deform()[0], atol=1e-12)
+
+
+def test_adapted_nodes_resist_a_stretch_less(shape: ShapeAnalysis) -> None:
+    back = []
+    for adapts in (False, True):
+        bending, images = stretched(shape, 1.2)
+        if adapts:
+            bending.adapt_stretch()
+        start = bending.images.copy()
+        vertex = bending.nodes.vertex
+        step(bending, vertex, 1e-3 * (images - bending.deform()[0])[vertex])
+        back.append(np.abs((bending.images - start)[:, 0]).mean())
+    assert back[1] < 0.7 * back[0]
+
+
+def test_rigid_motion_stretches_nothing(shape: ShapeAnalysis) -> None:
+    rest, turn = shape.mesh.vertices, Rotation.from_rotvec([0.4, -1.0, 2.0]).as_matrix()
+    bending = DeformationGraph.from_images(
+        Nodes.on(shape, 40), rest, shape.mesh.vertex_normals, rest @ turn.T, shape.basis.areas
+    )
+    bending.adapt_stretch()
+    np.testing.assert_allclose(bending.stretch, np.tile(np.eye(3), (40, 1, 1)), atol=1e-9)
+
+
+def test_motion_does_not_depend_on_the_order_of_nodes() -> None:
+    bending, count = chain(12), 12
+    order = np.random.default_rng(0).permutation(count)
+    number = np.argsort(order)  # of each node in the other order
+    nodes = bending.nodes
+    shuffled = DeformationGraph(
+        Nodes(order, number[nodes.near], nodes.weight, number[nodes.first], number[nodes.second], nodes.bond),
+        bending.rest,
+        bending.normals,
+        bending.rotations[order],
+        bending.images[order],
+        bending.stride[order],
+    )
+    vertex = np.arange(len(bending.rest))
+    residual = np.random.default_rng(1).normal(scale=0.02, size=(len(vertex), 3))
+    assert step(shuffled, vertex, residual) == pytest.approx(step(bending, vertex, residual), rel=1e-4)
+    np.testing.assert_allclose(shuffled.images, bending.images[order], atol=1e-5)
+    np.testing.assert_allclose(shuffled.rotations, bending.rotations[order], atol=1e-4)
+
+
+def test_nodes_that_move_a_vertex_are_close_together_in_the_system(shape: ShapeAnalysis) -> None:
+    nodes = Nodes.on(shape, 100)
+    place = nodes.place[nodes.near]
+    assert sorted(nodes.place) == list(range(100))
+    assert np.ptp(place, axis=1).max() < 50
+    assert np.ptp(nodes.near, axis=1).max() > 80  # in the order of the samples
+
+
+def test_each_vertex_is_moved_by_the_nearest_nodes(shape: ShapeAnalysis) -> None:
+    nodes = Nodes.on(shape, 60)
+    nearest = np.argsort(shape.distances[:60], axis=0, kind="stable")[: nodes.near.shape[1]].T
+    np.testing.assert_array_equal(nodes.near, nearest)
+    assert (np.diff(nodes.weight, axis=1) <= 1e-12).all()

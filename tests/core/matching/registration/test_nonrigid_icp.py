@@ -17,6 +17,7 @@ from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.preparation.proxy import Proxy
+from zoomout_core.matching.registration import nonrigid_icp
 from zoomout_core.matching.registration.correspondences import Surroundings
 from zoomout_core.matching.registration.nonrigid_icp import Fit, _astray, fit_nonrigid, lift_fit
 from zoomout_core.mesh.surface import Surface
@@ -115,6 +116,18 @@ def test_coarse_bent_creature_is_fitted_five_times_as_accurately(small) -> None:
     assert np.median(off) < np.median(errors(small[2], *SMALL)) / 5
     assert np.quantile(off, 0.9) < 0.035
     assert fit.fits.mean() > 0.97
+
+
+@pytest.mark.parametrize("stretch", [(1.3, 1, 1), (1, 1, 1.3)])
+def test_body_of_other_proportions_is_fitted_better_as_the_rest_shape_adapts(stretch, monkeypatch) -> None:
+    source, target = SMALL
+    target = replace(target, surface=target.surface.with_vertices(target.surface.vertices * stretch))
+    *shapes, first = blurred_truth(source, target)
+    adapting = fit_nonrigid(first, *shapes, False).surface_map
+    rigid = tuple(level._replace(stretches=False) for level in nonrigid_icp.NONRIGID_SCHEDULE)
+    monkeypatch.setattr(nonrigid_icp, "NONRIGID_SCHEDULE", rigid)
+    before = errors(fit_nonrigid(first, *shapes, False).surface_map, source, target).mean()
+    assert errors(adapting, source, target).mean() < 0.9 * before
 
 
 def test_initial_map_is_kept_where_the_fit_is_astray(small, monkeypatch) -> None:

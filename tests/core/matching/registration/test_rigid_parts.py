@@ -121,7 +121,7 @@ def test_goals_without_a_similarity_stay(full: Proxy) -> None:
 
 
 def test_motion_that_misses_the_source_is_rejected(full: Proxy) -> None:
-    # Vertices lie alternately above and below the source, so no rigid motion fits.
+    # Vertices are alternately above and below the source, so no rigid motion fits.
     side = np.where(np.arange(len(full.full.vertices)) % 2, 1, -1)[:, None]
     apart = full.full.vertices + 2e-3 * side * full.full.vertex_normals
     found, _ = settle(apart, np.ones(len(apart), dtype=bool), apart, apart + 1, full)

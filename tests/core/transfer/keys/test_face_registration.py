@@ -47,7 +47,14 @@ def test_registration_reduces_map_errors_on_the_face() -> None:
 
 
 @pytest.mark.parametrize(
-    ("number", "value"), [("bending", (1e-12,) * 3), ("first_bending", 1e-12), ("iterations", 1), ("moved", 0.9)]
+    ("number", "value"),
+    [
+        ("bending", (1e-12,) * 3),
+        ("first_bending", 1e-12),
+        ("normal_weight", 1.0),
+        ("iterations", 1),
+        ("moved", 0.9),
+    ],
 )
 def test_tuned_numbers_reduce_map_errors(
     number: str, value: float | tuple[float, ...], monkeypatch: pytest.MonkeyPatch

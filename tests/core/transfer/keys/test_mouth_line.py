@@ -90,6 +90,14 @@ def test_lips_with_holes_have_no_clear_line_but_nostrils_may_be_above(height: fl
     assert (find_mouth_line(vertices, whole, np.zeros(3), HEAD) is not None) == is_clear
 
 
+def test_a_deep_valley_above_the_chin_is_no_hole_in_a_lip() -> None:
+    vertices = skin(height=0.06).copy()
+    vertices[(np.abs(vertices[:, 0]) < 0.12) & (vertices[:, 1] < -0.07), 2] = -0.3
+    found = find_mouth_line(vertices, TRIANGLES, np.array([0, 0.1, 0]), HEAD)
+    assert found is not None
+    np.testing.assert_allclose(found.corners, (-WIDTH, WIDTH), atol=0.04)
+
+
 def test_lips_shift_to_those_of_a_wider_mouth() -> None:
     vertices = skin()
     is_upper = vertices[:, 1] > bow(vertices[:, 0])

@@ -272,6 +272,19 @@ def test_keys_rotate_with_a_bent_target(
     assert found < 0.9 * error_on_bent(source, straight, surface_map, angle)
 
 
+def test_small_parts_turn_and_grow_like_the_body_beside_them(source: Sheet) -> None:
+    lashes = plate(16, 4, width=0.8, height=0.15)
+    heads = [
+        Surface.joined([source.surface, lashes.with_vertices(size * (lashes.vertices - (0.4, 0, 0)) + (0, 1.05, 2))])
+        for size in (1.0, 1.8)
+    ]
+    values = offsets(heads[0].vertices)
+    values[:, :, 2] += 0.1 * heads[0].vertices[:, [0]]
+    result = transfer_keys(values, identity(heads[0]), *heads)
+    strip = slice(len(source.surface.vertices), None)
+    assert errors(result.values[strip], values[strip]).max() < 0.1
+
+
 @pytest.mark.parametrize(("number", "value"), [("deviation", 100.0), ("smoothing_length", 1e-6)])
 def test_lips_swapped_by_the_map_are_hardly_torn(number: str, value: float, monkeypatch: pytest.MonkeyPatch) -> None:
     # Two plates, as close together as lips, part; the map is off by the length of an edge.

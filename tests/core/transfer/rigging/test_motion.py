@@ -84,6 +84,15 @@ def test_ground_is_where_the_feet_of_the_source_mostly_are() -> None:
     assert check(moving(FOOT, *higher), moving()).sinking == pytest.approx(0.2)
 
 
+def test_a_body_on_the_ground_does_not_float_where_the_source_sinks() -> None:
+    sinks = moving()
+    sinks[-1, FOOT, 1, 3] = -0.3
+    assert check(sinks, moving()).floating == pytest.approx(0)
+    lifted = moving()
+    lifted[-1, FOOT, 1, 3] = 0.1
+    assert check(sinks, lifted).floating == pytest.approx(0.1 / SIZE)
+
+
 def test_a_body_without_high_joints_is_measured_by_its_height() -> None:
     flat = replace(body(), joints=np.zeros((3, 3)))
     surface_map = SurfaceMap.from_vertices(np.arange(9), Surface(REST, np.arange(9).reshape(3, 3)))

@@ -17,7 +17,7 @@ def can_begin(window: Window | None) -> bool:
     """Whether there is a window, and an operator can be added to those that receive its events.
 
     When the class of a running operator is unregistered, Blender keeps its empty place until the next event. Blender
-    4.3 crashes if another operator is added before, as by a script that disables and enables an extension.
+    4.3 crashes if another operator is added before that, such as by a script that disables and enables an extension.
     """
     if window is None:
         return False

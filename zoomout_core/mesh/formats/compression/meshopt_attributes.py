@@ -110,7 +110,7 @@ def decode_attributes(content: bytes, count: int, stride: int) -> Bytes:
 
 
 class _Differences:
-    """The groups of a stream of attributes: first where each one is, then all of one kind at once."""
+    """The groups of a stream of attributes. They are first located, then decoded together by kind."""
 
     def __init__(self, content: bytes) -> None:
         self.content, self.at = content, 1
@@ -200,7 +200,7 @@ class _Differences:
 
 
 def _sum_differences(found: Bytes, first: Bytes, channels: Bytes) -> Bytes:
-    """(stride, n) bytes of elements from differences (stride, n), for each four bytes in their way."""
+    """(stride, n) bytes of elements from differences (stride, n); each four bytes have their own encoding."""
     decoded = np.empty_like(found)
     for number, channel in enumerate(channels.tolist()):
         own = slice(4 * number, 4 * number + 4)

@@ -11,13 +11,13 @@ from bpy.types import Context
 from zoomout_core.matching.report.notes import MAX_UNMATCHED_SHARE
 from zoomout_core.messages import message
 
-from ..properties.match import MatchOptions, RedoOptions
-from ..properties.settings import SourceName, take_settings
-from ..scene.selection import sources_of_targets
-from ..services.matching.match import agree_matches, prepare_match
-from ..services.targets import Outcome, each_target
-from ..storage import stored_match
-from .modal_operator import ModalOperator
+from ...properties.match import MatchOptions, RedoOptions
+from ...properties.settings import SourceName, take_settings
+from ...scene.selection import sources_of_targets
+from ...services.matching.match import agree_matches, prepare_match
+from ...services.targets import Outcome, each_target
+from ...storage import stored_match
+from ..base.modal_operator import ModalOperator
 
 
 class ZOOMOUT_OT_match(SourceName, MatchOptions, RedoOptions, ModalOperator):

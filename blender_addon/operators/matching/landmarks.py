@@ -9,9 +9,9 @@ from bpy.types import Context, Object, Operator
 import zoomout_core as zo
 from zoomout_core.messages import Message, message
 
-from ..mesh_data import surface_point_of_vertex
-from ..properties.landmarks import ImportOptions
-from ..scene.landmarks import (
+from ...mesh_data import surface_point_of_vertex
+from ...properties.landmarks import ImportOptions
+from ...scene.landmarks import (
     confirm_landmarks,
     landmarks_in_words,
     next_number,
@@ -20,19 +20,19 @@ from ..scene.landmarks import (
     remove_landmarks_on,
     set_landmark,
 )
-from ..scene.selection import participants
-from ..services.face_landmarks import set_face_landmarks
-from ..services.matching.landmark_import import import_landmarks
-from ..services.matching.propose_partners import propose_partners
-from ..translations import reported, translated
-from . import modes
+from ...scene.selection import participants
+from ...services.face_landmarks import set_face_landmarks
+from ...services.matching.landmark_import import import_landmarks
+from ...services.matching.propose_partners import propose_partners
+from ...translations import reported, translated
+from ..base import modes
 
 # A selection of more vertices is probably not meant to set landmarks one by one.
 MAX_SELECTED = 64
 
 
 class LandmarkOperator(Operator):
-    """The base of operators on the landmarks of the source and the targets, which `change` and say what they did."""
+    """The base of operators that change the landmarks of the source and the targets by `change`, and report it."""
 
     bl_options = {"REGISTER", "UNDO"}
 

@@ -7,13 +7,13 @@ from bpy.types import Context
 
 from zoomout_core.messages import enumeration, message
 
-from ..scene.selection import select_only
-from ..services.matching.collection_match import match_collections_async
-from ..services.transfer import and_others
-from ..storage import stored_match
-from ..translations import translated
-from . import activity
-from .modal_operator import ModalOperator
+from ...scene.selection import select_only
+from ...services.matching.collection_match import match_collections_async
+from ...services.transfer import and_others
+from ...storage import stored_match
+from ...translations import translated
+from ..base import activity
+from ..base.modal_operator import ModalOperator
 
 
 class ZOOMOUT_OT_match_collections(ModalOperator):

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zoomout_core.arrays import Floats
-from zoomout_core.mesh.formats.meshopt_attributes import Bytes
+from zoomout_core.mesh.formats.compression.meshopt_attributes import Bytes
 
 # The bytes of an element that each filter may have; None for any that the streams have.
 STRIDES: dict[str, tuple[int, ...] | None] = {

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from bpy.types import Context
 
-from ..services.matching.select_faults import (
+from ...services.matching.select_faults import (
     DOUBTFUL,
     FLIPPED,
     TORN,
@@ -14,13 +14,13 @@ from ..services.matching.select_faults import (
     select_stretched,
     stretched_vertices,
 )
-from ..translations import translated
-from .matched import MatchedOperator
-from .modal_operator import ModalOperator
+from ...translations import translated
+from ..base.matched_operator import MatchedOperator
+from ..base.modal_operator import ModalOperator
 
 
 class SelectOperator(MatchedOperator):
-    """The base of operators that select what is wrong with the match of the active mesh."""
+    """The base of operators that select faults of the match of the active mesh."""
 
     bl_options = {"REGISTER", "UNDO"}
     what = ""
@@ -71,8 +71,8 @@ class ZOOMOUT_OT_select_stretched(ModalOperator):
     bl_idname = "zoomout.select_stretched"
     bl_label = "Select Stretched"
     bl_description = (
-        "Select the vertices of the active mesh that stretch far more than the source does when the bones of its rig "
-        "turn, to check their weights in Edit Mode or Weight Paint"
+        "Select the vertices of the active mesh that stretch far more than the source when the bones of its rig "
+        "rotate, to check their weights in Edit Mode or Weight Paint"
     )
     bl_options = {"REGISTER", "UNDO"}
 

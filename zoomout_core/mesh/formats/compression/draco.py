@@ -106,7 +106,7 @@ class _Reader:
         raise FormatError("its Draco data is damaged")
 
     def skip_metadata(self, depth: int) -> None:
-        """Skip names and values, and those below."""
+        """Skip names and values, and those of nested metadata."""
         if depth > MAX_DEPTH:
             raise FormatError("its Draco data is nested too deeply")
         for _ in range(self.number()):

@@ -6,15 +6,15 @@ The result is a document without these extensions, so that all else reads it lik
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from typing import Any
 
 import numpy as np
 
-from zoomout_core.mesh.formats.draco import decode_draco
-from zoomout_core.mesh.formats.meshopt_attributes import decode_attributes
-from zoomout_core.mesh.formats.meshopt_filters import STRIDES, decode_filter
-from zoomout_core.mesh.formats.meshopt_indices import decode_indices, decode_triangles
+from zoomout_core.mesh.formats.compression.draco import decode_draco
+from zoomout_core.mesh.formats.compression.meshopt_attributes import decode_attributes
+from zoomout_core.mesh.formats.compression.meshopt_filters import STRIDES, decode_filter
+from zoomout_core.mesh.formats.compression.meshopt_indices import decode_indices, decode_triangles
 from zoomout_core.runtime.input_files import ExpansionError, FormatError, most_bytes
 
 DRACO = "KHR_draco_mesh_compression"
@@ -32,7 +32,7 @@ WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 def decompress_gltf(tree: dict[str, Any], buffers: Sequence[bytes]) -> tuple[bytes, ...]:
     """Decompress a document in place; returns its buffers.
 
-    If the document has the uncompressed data as well, that is kept.
+    If the document also has the uncompressed data, that is used instead.
 
     Args:
         tree: its JSON, which was checked.
@@ -42,29 +42,14 @@ def decompress_gltf(tree: dict[str, Any], buffers: Sequence[bytes]) -> tuple[byt
         FormatError: the compressed data is damaged, or would expand too far.
         ImportError: DracoPy is not installed, and the document needs it.
     """
-    made = list(buffers)
     used = {DRACO, *MESHOPT} & {*(tree.get("extensionsUsed") or []), *(tree.get("extensionsRequired") or [])}
     needed = used & set(tree.get("extensionsRequired") or [])
     if not used:
         return tuple(buffers)
     _check_expansion(tree, sum(map(len, buffers)))
-    for view in tree.get("bufferViews") or []:
-        extensions = view.get("extensions") or {}
-        for name in MESHOPT:
-            if name in extensions:
-                about = extensions.pop(name)
-                if name in needed:
-                    made.append(_decode_view(about, view["byteLength"], made))
-                    view["buffer"], view["byteOffset"] = len(made) - 1, 0
-    for each in tree.get("buffers") or []:
-        for name in MESHOPT:
-            (each.get("extensions") or {}).pop(name, None)
-    decoded: dict[int, Any] = {}
-    for mesh in tree.get("meshes") or []:
-        for primitive in mesh["primitives"]:
-            about = (primitive.get("extensions") or {}).pop(DRACO, None)
-            if about is not None and DRACO in needed:
-                _decode_primitive(tree, primitive, about, made, decoded)
+    made = list(buffers)
+    _decompress_views(tree, needed, made)
+    _decompress_primitives(tree, needed, made)
     for key in ("extensionsUsed", "extensionsRequired"):
         if key in tree:
             tree[key] = [name for name in tree[key] if name not in used]
@@ -72,7 +57,7 @@ def decompress_gltf(tree: dict[str, Any], buffers: Sequence[bytes]) -> tuple[byt
 
 
 def _check_expansion(tree: dict[str, Any], packed: int) -> None:
-    """Check that the views, as they are stated, are not much larger than the buffers."""
+    """Check that the stated sizes of the views are not much larger than the buffers."""
     sizes = [
         about["count"] * about["byteStride"]
         for view in tree.get("bufferViews") or []
@@ -92,6 +77,20 @@ def _slice(buffers: Sequence[bytes], number: int, start: int, length: int) -> by
 
 
 # --- meshopt ------------------------------------------------------------------------------------------------
+
+
+def _decompress_views(tree: dict[str, Any], needed: Container[str], buffers: list[bytes]) -> None:
+    """Remove the extensions of meshopt, and decode views without other data into buffers of their own."""
+    for view in tree.get("bufferViews") or []:
+        extensions = view.get("extensions") or {}
+        for name in (each for each in MESHOPT if each in extensions):
+            about = extensions.pop(name)
+            if name in needed:
+                buffers.append(_decode_view(about, view["byteLength"], buffers))
+                view["buffer"], view["byteOffset"] = len(buffers) - 1, 0
+    for each in tree.get("buffers") or []:
+        for name in MESHOPT:
+            (each.get("extensions") or {}).pop(name, None)
 
 
 def _decode_view(about: dict[str, Any], length: int, buffers: Sequence[bytes]) -> bytes:
@@ -116,6 +115,16 @@ def _decode_view(about: dict[str, Any], length: int, buffers: Sequence[bytes]) -
 
 
 # --- Draco --------------------------------------------------------------------------------------------------
+
+
+def _decompress_primitives(tree: dict[str, Any], needed: Container[str], buffers: list[bytes]) -> None:
+    """Remove the extension of Draco, and decode meshes without other data into buffers of their own."""
+    decoded: dict[int, Any] = {}
+    for mesh in tree.get("meshes") or []:
+        for primitive in mesh["primitives"]:
+            about = (primitive.get("extensions") or {}).pop(DRACO, None)
+            if about is not None and DRACO in needed:
+                _decode_primitive(tree, primitive, about, buffers, decoded)
 
 
 def _decode_primitive(
@@ -149,7 +158,7 @@ def _decode_primitive(
 
 
 def _replace(tree: dict[str, Any], number: int, values: Any, buffers: list[bytes]) -> None:
-    """Let an accessor have values (count, width), in a buffer of their own."""
+    """Give an accessor values (count, width), in a buffer of their own."""
     accessor = tree["accessors"][number]
     if len(values) != accessor["count"]:
         raise FormatError("its Draco data has another number of elements than it states")

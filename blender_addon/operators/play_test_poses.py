@@ -11,15 +11,15 @@ from zoomout_core.messages import message
 from zoomout_core.transfer.rigging.poses import extreme_turns
 
 from ..mesh_data import HeldPose, armatures_of, follow_constraints, read_bones, turn_bones
-from .play import PlayOperator
+from .base.play_operator import PlayOperator
 
 
 class ZOOMOUT_OT_test_poses(PlayOperator):
     bl_idname = "zoomout.test_poses"
     bl_label = "Test Poses"
     bl_description = (
-        "Turn the bones of the active mesh's armature to extremes, as Bind to Rig does before it writes anything. A "
-        "click or ESC ends it and restores the pose"
+        "Rotate the bones of the active mesh's armature to extremes, as Bind to Rig does to test weights. Click or "
+        "press ESC to stop and restore the pose"
     )
     bl_options = {"REGISTER"}
 

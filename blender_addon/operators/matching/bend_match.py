@@ -5,8 +5,8 @@ from __future__ import annotations
 
 from bpy.types import Context
 
-from ..services.matching.bend_match import bend_match_async
-from .matched import MatchedOperator
+from ...services.matching.bend_match import bend_match_async
+from ..base.matched_operator import MatchedOperator
 
 
 class ZOOMOUT_OT_bend_match(MatchedOperator):

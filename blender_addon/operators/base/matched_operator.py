@@ -5,8 +5,8 @@ from __future__ import annotations
 
 from bpy.types import Context
 
-from ..storage import stored_match
-from ..translations import translated
+from ...storage import stored_match
+from ...translations import translated
 from .modal_operator import ModalOperator
 
 

@@ -7,8 +7,8 @@ from time import monotonic
 
 from bpy.types import Context, Event, Operator, Timer
 
-from ..translations import reported, translated
-from . import modal
+from ...translations import reported, translated
+from . import running_operators
 
 # Seconds between two steps.
 STEP = 0.04
@@ -20,7 +20,7 @@ STEPS = {"LEFT_ARROW": -1, "RIGHT_ARROW": 1}
 
 
 class PlayOperator(Operator):
-    """The base of operators that play; a subclass says what is played.
+    """The base of operators that play; subclasses define the parts to show.
 
     Attributes:
         seconds: of each part.
@@ -34,7 +34,7 @@ class PlayOperator(Operator):
         raise NotImplementedError
 
     def start(self, context: Context) -> int:
-        """Remember what is to be restored; returns the number of parts.
+        """Store the state to restore; returns the number of parts.
 
         Raises:
             MeshError: nothing can be played.
@@ -46,7 +46,7 @@ class PlayOperator(Operator):
         raise NotImplementedError
 
     def restore(self, context: Context) -> None:
-        """Restore what was there; a script may have removed objects."""
+        """Restore the previous state; a script may have removed objects meanwhile."""
         raise NotImplementedError
 
     @classmethod
@@ -59,18 +59,18 @@ class PlayOperator(Operator):
 
     def invoke(self, context: Context, event: Event) -> set[str]:
         """Start to play."""
-        if not modal.can_begin(context.window):
+        if not running_operators.can_begin(context.window):
             self.report({"ERROR"}, reported("A 3D viewport is needed: move the mouse over one, and try again"))
             return {"CANCELLED"}
         self._parts = self.start(context)
         self._begun = monotonic()
         self._timer: Timer = context.window_manager.event_timer_add(STEP, window=context.window)
-        modal.begin(context, self)
+        running_operators.begin(context, self)
         self._play(context)
         return {"RUNNING_MODAL"}
 
     def modal(self, context: Context, event: Event) -> set[str]:
-        """Play, or end; only events of the view pass through, so that nothing else is done meanwhile."""
+        """Play, or end. Only events of the view pass through, so that nothing else happens meanwhile."""
         if event.type in ENDING and event.value == "PRESS":
             self.cancel(context)
             return {"CANCELLED"}
@@ -84,7 +84,7 @@ class PlayOperator(Operator):
 
     def cancel(self, context: Context) -> None:
         """Restore what was there; Blender calls this when a file is loaded or the window closes."""
-        modal.end(self)
+        running_operators.end(self)
         self.restore(context)
         context.window_manager.event_timer_remove(self._timer)
         context.workspace.status_text_set(None)

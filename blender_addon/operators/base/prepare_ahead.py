@@ -11,12 +11,12 @@ from bpy.types import Context, Mesh
 
 import zoomout_core as zo
 
-from ..jobs import Job
-from ..mesh_data.base import keeps_vertices
-from ..properties.preferences import prepares_ahead
-from ..scene.selection import source_name
-from ..services.constraints import OF_LANDMARKS
-from ..services.matching.prepare_ahead import prepare_ahead
+from ...jobs import Job
+from ...mesh_data.base import keeps_vertices
+from ...properties.preferences import prepares_ahead
+from ...scene.selection import source_name
+from ...services.constraints import OF_LANDMARKS
+from ...services.matching.prepare_ahead import prepare_ahead
 from . import activity
 
 # Seconds from a change of the selection to the preparation, and between two slices of that.
@@ -93,8 +93,8 @@ def advance(context: Context) -> bool:
 def _selected_pair(context: Context) -> _Pair | None:
     """The surfaces that a match of the active object would need.
 
-    None without two meshes in Object Mode, or if they are large. None, too, if the target's modifiers add vertices: to
-    read it takes a temporary copy in the scene, which nobody has asked for.
+    None without two meshes in Object Mode, or if they are large. Also None if the target's modifiers add vertices:
+    reading it would add a temporary copy to the scene, which the user has not asked for.
     """
     target, options = context.active_object, context.scene.zoomout.match_options()
     if target is None or target.type != "MESH" or target.mode != "OBJECT" or options["initial"] not in OF_LANDMARKS:

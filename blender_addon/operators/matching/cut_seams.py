@@ -5,10 +5,10 @@ from __future__ import annotations
 
 from bpy.types import Context
 
-from ..properties.settings import SourceName
-from ..scene.selection import choose_source
-from ..services.matching.seam_cut import cut_seams_async
-from .modal_operator import ModalOperator
+from ...properties.settings import SourceName
+from ...scene.selection import choose_source
+from ...services.matching.seam_cut import cut_seams_async
+from ..base.modal_operator import ModalOperator
 
 
 class ZOOMOUT_OT_cut_seams(SourceName, ModalOperator):

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import bpy
 from bpy.types import Context, Object, Operator, Window
 
-from ..translations import translated
+from ...translations import translated
 
 # Modes whose undo steps do not cover the whole file: an operator's step is pushed before these are entered again.
 OWN_UNDO = frozenset({"EDIT", "PARTICLE_EDIT", "TEXTURE_PAINT"})

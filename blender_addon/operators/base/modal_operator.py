@@ -16,13 +16,13 @@ import zoomout_core as zo
 from zoomout_core.messages import Message, as_message, message
 from zoomout_core.runtime.progress import Progress
 
-from ..jobs import Job, run
-from ..scene.redraw import redraw_sidebars
-from ..services.preflight import obstacle
-from ..services.targets import Outcome
-from ..translations import reported, translated
-from ..viewport import preview
-from . import activity, ahead, modal, modes
+from ...jobs import Job, run
+from ...scene.redraw import redraw_sidebars
+from ...services.preflight import obstacle
+from ...services.targets import Outcome
+from ...translations import reported, translated
+from ...viewport import preview
+from . import activity, modes, prepare_ahead, running_operators
 
 # Seconds of work between two events; the piece of work then running may take up to 0.1 seconds more.
 SLICE = 0.05
@@ -44,7 +44,7 @@ class ModalOperator(Operator):
 
     @property
     def remedy(self) -> Message:
-        """How to use a match that is probably wrong anyway: it is stored now."""
+        """The way to use a match that is probably wrong, which is stored now."""
         return message("To use this match anyway, press {button}.", button=as_message(self.bl_label))
 
     def report_failed(self, outcome: Outcome[Any]) -> None:
@@ -72,7 +72,7 @@ class ModalOperator(Operator):
 
     def execute(self, context: Context) -> set[str]:
         """Run the work at once."""
-        ahead.stop()
+        prepare_ahead.stop()
         self._left = modes.leave(context, self)
         result = {"CANCELLED"}
         try:
@@ -85,14 +85,14 @@ class ModalOperator(Operator):
 
     def invoke(self, context: Context, event: Event) -> set[str]:
         """Start to work in slices, or run at once without a window that can receive a modal operator."""
-        if bpy.app.background or not modal.can_begin(context.window):
+        if bpy.app.background or not running_operators.can_begin(context.window):
             return self.execute(context)
-        ahead.stop()
+        prepare_ahead.stop()
         self._left = modes.leave(context, self)
         self._job = Job(self.work(context))
         _show_progress(context, self._job.progress)
         self._timer = context.window_manager.event_timer_add(0.01, window=context.window)
-        modal.begin(context, self)
+        running_operators.begin(context, self)
         return {"RUNNING_MODAL"}
 
     def modal(self, context: Context, event: Event) -> set[str]:
@@ -117,13 +117,13 @@ class ModalOperator(Operator):
         return modes.come_back_after(context, self._left, self, result)
 
     def cancel(self, context: Context) -> None:
-        """Clean up; Blender calls this when a file is loaded, the window closes, or a dialog before is cancelled."""
+        """Clean up. Blender calls this when a file is loaded, the window closes, or a preceding dialog is cancelled."""
         if hasattr(self, "_job"):
             self._end(context)
             modes.come_back_later(context, self._left)
 
     def _end(self, context: Context) -> None:
-        modal.end(self)
+        running_operators.end(self)
         self._job.cancel()
         preview.end_preliminary()
         context.window_manager.event_timer_remove(self._timer)

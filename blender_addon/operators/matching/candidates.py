@@ -10,11 +10,11 @@ from bpy.types import Context
 import zoomout_core as zo
 from zoomout_core.messages import message
 
-from ..services.matching.candidates import side_swapped_candidate
-from ..services.matching.use_candidate import stored_list, use_candidate_async
-from ..storage import stored_match
-from ..storage.stored_candidates import CandidateList
-from .modal_operator import ModalOperator
+from ...services.matching.candidates import side_swapped_candidate
+from ...services.matching.use_candidate import stored_list, use_candidate_async
+from ...storage import stored_match
+from ...storage.stored_candidates import CandidateList
+from ..base.modal_operator import ModalOperator
 
 
 class CandidateOperator(ModalOperator):

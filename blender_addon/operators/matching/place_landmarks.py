@@ -13,8 +13,8 @@ from mathutils import Vector
 
 from zoomout_core.messages import message
 
-from ..mesh_data import SurfacePoint, raycast_surface_point
-from ..scene.landmarks import (
+from ...mesh_data import SurfacePoint, raycast_surface_point
+from ...scene.landmarks import (
     confirm_landmarks,
     next_number,
     obstacle,
@@ -22,11 +22,11 @@ from ..scene.landmarks import (
     set_landmark,
     surface_points_on,
 )
-from ..scene.selection import participants
-from ..services.matching.propose_partners import propose_partners
-from ..translations import reported, translated
-from ..viewport.landmark_dots import dot_at, dots
-from . import modal, modes
+from ...scene.selection import participants
+from ...services.matching.propose_partners import propose_partners
+from ...translations import reported, translated
+from ...viewport.landmark_dots import dot_at, dots
+from ..base import modes, running_operators
 
 
 class Pointed(NamedTuple):
@@ -57,7 +57,7 @@ class ZOOMOUT_OT_place_landmarks(Operator):
 
     def invoke(self, context: Context, event: Event) -> set[str]:
         """Start to follow the mouse."""
-        if not modal.can_begin(context.window):
+        if not running_operators.can_begin(context.window):
             text = "Landmarks are placed with the mouse: move it over a 3D viewport, and try again"
             self.report({"ERROR"}, reported(text))
             return {"CANCELLED"}
@@ -67,7 +67,7 @@ class ZOOMOUT_OT_place_landmarks(Operator):
         self._placed: list[tuple[int, str]] = []
         context.scene.zoomout.show_landmarks = True
         context.window.cursor_modal_set("CROSSHAIR")
-        modal.begin(context, self)
+        running_operators.begin(context, self)
         self._show(context)
         return {"RUNNING_MODAL"}
 
@@ -94,7 +94,7 @@ class ZOOMOUT_OT_place_landmarks(Operator):
         modes.come_back_later(context, self._left)
 
     def _end(self, context: Context) -> None:
-        modal.end(self)
+        running_operators.end(self)
         context.window.cursor_modal_restore()
         context.workspace.status_text_set(None)
 
@@ -191,7 +191,7 @@ def _names(objects: list[Object]) -> str:
 
 
 def _place_of_mouse(context: Context, event: Event) -> Pointed | None:
-    """The place of the mouse in a 3D view, or None elsewhere, as over a sidebar."""
+    """The place of the mouse in a 3D view, or None elsewhere, such as over a sidebar."""
     for area in context.window.screen.areas if context.window else ():
         if area.type == "VIEW_3D" and _inside(area, event):
             found = [region for region in area.regions if region.width > 1 and _inside(region, event)]

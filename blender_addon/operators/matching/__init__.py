@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Operators of the match, its landmarks, candidates and faults."""
