@@ -13,7 +13,8 @@ from test_dress_objects import ring, side, sleeve
 
 import zoomout_core as zo
 from blender_addon import api
-from blender_addon.mesh_data import outfit_bones, read_weights
+from blender_addon.mesh_data import read_weights
+from blender_addon.mesh_data.rigs import outfit_bones
 from blender_addon.services.dressing import fit, worn_weights
 
 OTHER_NAMES = ("mixamorig:lower", "Bone.001", "Upper")

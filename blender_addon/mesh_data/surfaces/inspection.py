@@ -12,9 +12,9 @@ from scipy.sparse.csgraph import connected_components
 
 from zoomout_core.arrays import Integers
 
-from ..jobs import compute
-from .arrays import hash_of, read_array
-from .marks import read_marks
+from ...jobs import compute
+from ..arrays import hash_of, read_array
+from ..attributes.marks import read_marks
 from .surfaces import Faces, read_faces, read_positions
 
 

@@ -11,7 +11,7 @@ from bpy.types import Mesh, MeshEdge
 from zoomout_core.messages import message
 from zoomout_core.transfer import Attribute, Domain, Kind
 
-from .arrays import read_array
+from ..arrays import read_array
 
 
 class MarkRow(NamedTuple):

@@ -12,7 +12,7 @@ from bpy.types import Mesh, Object
 from zoomout_core.messages import message
 from zoomout_core.transfer import Attribute, Domain, Kind
 
-from .arrays import read_array
+from ..arrays import read_array
 
 
 def read_materials(obj: Object, mesh: Mesh) -> tuple[list[str | None], Attribute]:

@@ -11,7 +11,7 @@ from bpy.types import Mesh, Object
 from zoomout_core.mesh.triangles import unit_vectors
 from zoomout_core.transfer import Attribute, Domain, Kind
 
-from .arrays import read_array
+from ..arrays import read_array
 
 CUSTOM_NORMAL = "custom_normal"
 # The type of encoded custom normals; since Blender 4.5 they may also be stored as plain vectors.

@@ -22,7 +22,7 @@ from zoomout_core.messages import message
 from zoomout_core.runtime.progress import advance
 from zoomout_core.transfer import Attribute, Domain, Kind
 
-from ..jobs import pause
+from ...jobs import pause
 
 # Record of a vertex's weight in a group.
 ENTRY = np.dtype([("vertex", np.int32), ("group", np.int32), ("weight", np.float32)])

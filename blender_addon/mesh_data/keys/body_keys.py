@@ -11,9 +11,9 @@ from bpy.types import Key, Object
 
 from zoomout_core.arrays import Floats
 
+from ..attributes.vertex_groups import read_mask
+from ..surfaces.surfaces import directions_in_world
 from .shape_keys import BASIS, ShapeKey, path_of_key, read_own_shape_keys, write_shape_keys
-from .surfaces import directions_in_world
-from .vertex_groups import read_mask
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,10 +19,8 @@ from zoomout_core.mesh.surface import MeshError
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 from zoomout_core.transfer.rigging.skinning import normalise
 
-from .armatures import Bones, read_bones
-from .arrays import read_array
-from .key_drivers import Partners, redirect_drivers
-from .layers import (
+from ..arrays import read_array
+from ..attributes.layers import (
     ActiveLayers,
     Layer,
     Role,
@@ -32,17 +30,19 @@ from .layers import (
     write_active_layers,
     write_layer,
 )
-from .matrices import transform_points, world_matrix
-from .normals import read_own_normals, write_custom_normals
-from .shape_keys import (
+from ..attributes.normals import read_own_normals, write_custom_normals
+from ..attributes.vertex_groups import read_weights, write_weights
+from ..keys.key_drivers import Partners, redirect_drivers
+from ..keys.shape_keys import (
     ShapeKeys,
     read_own_shape_keys,
     read_rest_positions,
     write_animation,
     write_shape_keys,
 )
-from .surfaces import is_mirrored, positions_in_object, read_surface_at_rest
-from .vertex_groups import read_weights, write_weights
+from ..matrices import transform_points, world_matrix
+from ..rigs.armatures import Bones, read_bones
+from ..surfaces.surfaces import is_mirrored, positions_in_object, read_surface_at_rest
 
 SMOOTH = "smooth"
 

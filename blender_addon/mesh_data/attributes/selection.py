@@ -13,7 +13,7 @@ from bpy.types import Mesh
 from zoomout_core.messages import message
 from zoomout_core.transfer import Attribute, Domain, Kind
 
-from .arrays import read_array
+from ..arrays import read_array
 from .layers import Layer, Role, write_layer
 
 SELECTED = {Domain.POINT: ".select_vert", Domain.EDGE: ".select_edge", Domain.FACE: ".select_poly"}

@@ -10,7 +10,7 @@ from mathutils import Matrix
 
 from zoomout_core.arrays import Floats
 
-from .surfaces import VERTEX_PRESERVING, is_mirrored
+from ..surfaces.surfaces import VERTEX_PRESERVING, is_mirrored
 
 
 def add_shaped_copy(context: Context, obj: Object, name: str, shape: Floats, place: Floats) -> Object:

@@ -20,12 +20,12 @@ from zoomout_core.messages import message
 from zoomout_core.transfer import Attribute, Domain
 from zoomout_core.transfer.attribute import nothing
 
-from .layers import ActiveLayers, Layer, Role, read_active_layers, read_layer, read_layers
-from .marks import read_marks
-from .materials import read_materials
-from .normals import read_normals
+from ..attributes.layers import ActiveLayers, Layer, Role, read_active_layers, read_layer, read_layers
+from ..attributes.marks import read_marks
+from ..attributes.materials import read_materials
+from ..attributes.normals import read_normals
+from ..attributes.vertex_groups import read_weights
 from .surfaces import read_surface_at_rest
-from .vertex_groups import read_weights
 
 ELEMENTS = {Domain.POINT: "vertices", Domain.EDGE: "edges", Domain.FACE: "polygons", Domain.CORNER: "loops"}
 

@@ -10,8 +10,8 @@ import zoomout_core as zo
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.geometry.closest_points import closest_points
 
-from .arrays import read_array
-from .surfaces import check_evaluated, positions_in_world
+from ..arrays import read_array
+from ..surfaces.surfaces import check_evaluated, positions_in_world
 
 # The attribute of curves with the place of each first point on their surface's UV map.
 ROOT_UV = "surface_uv_coordinate"

@@ -8,8 +8,8 @@ import numpy as np
 
 from zoomout_core.arrays import Floats, Integers
 
-from .arrays import read_array
-from .surfaces import read_positions
+from ..arrays import read_array
+from ..surfaces.surfaces import read_positions
 
 
 def text_triangles(text: str) -> tuple[Floats, Integers]:

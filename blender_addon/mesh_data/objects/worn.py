@@ -15,15 +15,15 @@ import zoomout_core as zo
 from zoomout_core.arrays import Floats
 from zoomout_core.messages import message
 
-from .armatures import armatures_of, bind_like, hang_like, matrix_at_rest, reshape, set_parent, stands_as_modelled
-from .arrays import hash_of, read_array
-from .base import read_base_positions, read_target_surface
-from .inspection import content_hash
-from .matrices import transform_points, world_matrix
-from .shape_keys import read_rest_positions
+from ..arrays import hash_of, read_array
+from ..attributes.vertex_groups import read_mask
+from ..keys.shape_keys import read_rest_positions
+from ..matrices import transform_points, world_matrix
+from ..rigs.armatures import armatures_of, bind_like, hang_like, matrix_at_rest, reshape, set_parent, stands_as_modelled
+from ..surfaces.base import read_base_positions, read_target_surface
+from ..surfaces.inspection import content_hash
+from ..surfaces.surfaces import VERTEX_PRESERVING, check_evaluated
 from .strands import read_strands, write_strands
-from .surfaces import VERTEX_PRESERVING, check_evaluated
-from .vertex_groups import read_mask
 
 # Types of objects that can be worn.
 TYPES = frozenset({"MESH", "CURVES"})

@@ -16,9 +16,9 @@ from mathutils import Euler, Matrix, Quaternion, Vector
 
 from zoomout_core.arrays import Floats, Integers
 
-from .matrices import transform_points, world_matrix
-from .shape_keys import read_key_positions, read_rest_positions
-from .surfaces import is_mirrored, positions_in_world
+from ..keys.shape_keys import read_key_positions, read_rest_positions
+from ..matrices import transform_points, world_matrix
+from ..surfaces.surfaces import is_mirrored, positions_in_world
 
 # The properties that determine an object's matrix, besides those of its parent.
 OF_PLACE = ("location", "rotation_mode", "rotation_euler", "rotation_quaternion", "rotation_axis_angle", "scale")

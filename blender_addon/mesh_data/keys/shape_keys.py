@@ -20,9 +20,9 @@ from zoomout_core.arrays import Floats
 from zoomout_core.messages import message
 from zoomout_core.transfer import Attribute, Domain, Kind
 
-from .arrays import read_array
-from .surfaces import VERTEX_PRESERVING, Faces, read_faces, read_positions
-from .vertex_groups import read_mask
+from ..arrays import read_array
+from ..attributes.vertex_groups import read_mask
+from ..surfaces.surfaces import VERTEX_PRESERVING, Faces, read_faces, read_positions
 
 # Properties of a key besides its place and its reference key; the range comes before the value, which it clamps.
 SETTINGS = ("slider_max", "slider_min", "value", "mute", "interpolation", "vertex_group", "lock_shape")

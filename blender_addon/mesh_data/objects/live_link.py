@@ -20,9 +20,9 @@ from zoomout_core.arrays import Booleans
 from zoomout_core.transfer import Attribute, Domain, Kind
 from zoomout_core.transfer.picks import Picks
 
-from .arrays import hash_of
-from .layers import LINK_ATTRIBUTES, Layer, Role, write_layer
-from .writing import remove_when_written
+from ..arrays import hash_of
+from ..attributes.layers import LINK_ATTRIBUTES, Layer, Role, write_layer
+from ..writing import remove_when_written
 
 # The custom property that marks the node groups of links.
 MARK = "zoomout_link"

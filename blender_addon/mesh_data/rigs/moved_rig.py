@@ -19,8 +19,8 @@ from mathutils import Matrix, Vector
 import zoomout_core as zo
 from zoomout_core.arrays import Floats, Integers
 
+from ..matrices import transform_points, world_matrix
 from .armatures import ROUNDING
-from .matrices import transform_points, world_matrix
 from .outfit_bones import edit_bones
 
 # The lengths in constraints that fit the rest position, by type, and those that are in the unit of the world.

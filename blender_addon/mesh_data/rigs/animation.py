@@ -13,8 +13,8 @@ from mathutils import Matrix, Vector
 
 from zoomout_core.arrays import Floats, Integers
 
+from ..matrices import world_matrix
 from .armatures import OF_PLACE, armatures_of, copy_value, read_bones
-from .matrices import world_matrix
 
 # Maximum number of frames that are evaluated.
 FRAMES = 48

@@ -17,7 +17,7 @@ import zoomout_core as zo
 from zoomout_core.arrays import Floats
 from zoomout_core.transfer import Attribute, Domain, Kind
 
-from .layers import Layer, Role, read_layer, write_layer
+from ..attributes.layers import Layer, Role, read_layer, write_layer
 from .surfaces import (
     VERTEX_PRESERVING,
     Faces,

@@ -16,8 +16,8 @@ from zoomout_core.mesh.surface import single_precision_step
 from zoomout_core.mesh.triangles import triangle_areas
 from zoomout_core.messages import message
 
-from .arrays import read_array
-from .matrices import transform_points, world_matrix
+from ..arrays import read_array
+from ..matrices import transform_points, world_matrix
 
 # Modifiers that move vertices or change data, but neither add nor remove vertices.
 VERTEX_PRESERVING = frozenset(

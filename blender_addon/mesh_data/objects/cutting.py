@@ -11,8 +11,8 @@ from bpy.types import Mesh
 from zoomout_core.runtime.progress import advance
 from zoomout_core.transfer.uv.seam_cut import SeamCut
 
-from ..jobs import pause
-from .surfaces import read_positions
+from ...jobs import pause
+from ..surfaces.surfaces import read_positions
 
 # Edges or faces to divide between two pauses for the window: about 10 ms.
 PIECE = 2000

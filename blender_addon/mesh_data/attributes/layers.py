@@ -16,7 +16,7 @@ from numpy.typing import DTypeLike
 from zoomout_core.messages import message
 from zoomout_core.transfer import RULES, Attribute, Domain, Kind
 
-from .arrays import read_array
+from ..arrays import read_array
 from .marks import MARK_ATTRIBUTES
 from .normals import CUSTOM_NORMAL
 

@@ -14,9 +14,9 @@ from mathutils import Matrix, Vector
 
 from zoomout_core.arrays import Floats
 
+from ..attributes.vertex_groups import read_weights
+from ..matrices import transform_points, world_matrix
 from .armatures import armature_modifiers, set_parent
-from .matrices import transform_points, world_matrix
-from .vertex_groups import read_weights
 
 # A custom property of bones that were copied: the name of the armature that they come from.
 COPIED_FROM = "zoomout_dressed"
