@@ -26,10 +26,11 @@ from blender_addon.scene.pair import read_pair
 from blender_addon.storage import stored_match
 from zoomout_core.arrays import Floats
 from zoomout_core.geometry.procrustes import Similarities
+from zoomout_core.mesh.affine_maps import transform_points
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.transfer import Attribute, Domain, Kind
 from zoomout_core.transfer.rigging.poses import pose_of_turns
-from zoomout_core.transfer.rigging.skinning import skinning_matrices, transform_points
+from zoomout_core.transfer.rigging.skinning import skinning_matrices
 
 # The corrected joints: the bone that turns, the direction that it turns to (up, forwards or back), and degrees.
 JOINTS = {

@@ -23,11 +23,11 @@ from zoomout_core.assets.files import read_asset
 from zoomout_core.library.library import Library
 from zoomout_core.library.search import LibraryAsset, search
 from zoomout_core.matching.report.verdict import VERDICT
+from zoomout_core.mesh.affine_maps import blend_matrices, transform_points
 from zoomout_core.mesh.formats.files import write_shape
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.outfits.parts import keep_faces, mask_of
 from zoomout_core.transfer.rigging.poses import POSES, extreme_poses
-from zoomout_core.transfer.rigging.skinning import blend_matrices, transform_points
 from zoomout_core.tuning import retune
 
 # The families of characters, by pack or by file; others are families of their own.

@@ -14,12 +14,12 @@ from scipy.sparse import csr_array, vstack
 import zoomout_core as zo
 from zoomout_core.arrays import Floats
 from zoomout_core.maps.known_match import KnownMatch
+from zoomout_core.mesh.affine_maps import normalise
 from zoomout_core.mesh.formats.blender_files import BLEND
 from zoomout_core.messages import warning
 from zoomout_core.outfits.batch import DressedFile
 from zoomout_core.outfits.check import RiggedSurface, check_rigged
 from zoomout_core.outfits.parts import are_of_body
-from zoomout_core.transfer.rigging.skinning import normalise
 
 from .. import mesh_data
 from ..jobs import run

@@ -10,8 +10,8 @@ from scipy.sparse import csr_array
 
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.assets.asset import Asset, Skin, to_rest
-from zoomout_core.assets.gltf.document import library
 from zoomout_core.assets.skeletons import make_unique, skeleton_of
+from zoomout_core.mesh.formats.gltf_document import library
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.messages import Message, message, plural
 from zoomout_core.transfer.mapped_target import MappedTarget

@@ -11,16 +11,16 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from zoomout_core.arrays import Floats, Integers, segment_sum
+from zoomout_core.mesh.affine_maps import blend_matrices
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import unit_vectors
 from zoomout_core.runtime.summary import Summary
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
-from zoomout_core.transfer.rigging.skinning import blend_matrices
 from zoomout_core.transfer.rigging.unpose import inverse_skinning
 
 if TYPE_CHECKING:
-    from zoomout_core.assets.gltf.document import Document
     from zoomout_core.assets.stored_map import StoredMap
+    from zoomout_core.mesh.formats.gltf_document import Document
 
 # Names of kinds with one attribute each. Texture coordinates and colours are numbered, as there may be several.
 WEIGHTS, SHAPE_KEYS, MATERIALS, NORMALS = "weights", "shape keys", "materials", "normals"

@@ -21,14 +21,9 @@ from scipy.sparse.linalg import LinearOperator, cg
 
 from zoomout_core.arrays import Floats, Integers, row_norms, segment_sum
 from zoomout_core.geometry.closest_points import SurfaceSearch
+from zoomout_core.mesh.affine_maps import blend_matrices, normalise, transform_points
 from zoomout_core.mesh.triangles import triangle_normals, vertex_normals
-from zoomout_core.transfer.rigging.skinning import (
-    blend_matrices,
-    normalise,
-    row_of,
-    strongest,
-    transform_points,
-)
+from zoomout_core.transfer.rigging.skinning import row_of, strongest
 from zoomout_core.tuning import Tuning, tuned
 
 # Weights of the smoothness of the displacements, and of their size, relative to those of the distances.

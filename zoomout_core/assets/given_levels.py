@@ -21,6 +21,7 @@ from zoomout_core.assets.level import FITTED, Level, Poses, errors_of_level, mer
 from zoomout_core.assets.transfer_asset import place_all, skin_weights
 from zoomout_core.geometry.closest_points import SurfaceSearch
 from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.mesh.affine_maps import blend_matrices, transform_points
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.mesh.triangles import components, unique_edges, unit_vectors, vertex_normals
@@ -29,7 +30,6 @@ from zoomout_core.runtime.progress import stage
 from zoomout_core.runtime.threads import on_one_blas_thread
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 from zoomout_core.transfer.mapped_target import MappedTarget
-from zoomout_core.transfer.rigging.skinning import blend_matrices, transform_points
 from zoomout_core.transfer.rules import map_target, transfer_along
 
 # A given mesh coincides with the asset if at most `MAX_FAR_SHARE` of its vertices are farther from it than `FAR`,

@@ -15,9 +15,9 @@ from zoomout_core.assets.asset import SHAPE_KEYS, Asset
 from zoomout_core.assets.fit_level import Places
 from zoomout_core.geometry.closest_points import SurfaceSearch
 from zoomout_core.maps.surface_map import SurfaceMap, interpolation_matrix
+from zoomout_core.mesh.affine_maps import blend_matrices, transform_points
 from zoomout_core.mesh.triangles import components, triangle_normals, unique_edges, vertex_normals
 from zoomout_core.transfer.rigging.poses import MAX_FRAMES, distinct_poses, extreme_poses
-from zoomout_core.transfer.rigging.skinning import blend_matrices, transform_points
 
 # Differences of weights that are rounding.
 SAME_WEIGHT = 1e-9

@@ -18,6 +18,7 @@ from zoomout_core.assets.check_rig import check_rig
 from zoomout_core.assets.gltf.move_skin import move_skin
 from zoomout_core.assets.keep_rest import keep_rest
 from zoomout_core.geometry.closest_points import SurfaceSearch
+from zoomout_core.mesh.affine_maps import normalise
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.messages import enumeration, message, plural
@@ -28,7 +29,7 @@ from zoomout_core.transfer.blend import Blend, mask_of
 from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.rigging.motion import MotionCheck, note_on_motions
 from zoomout_core.transfer.rigging.rest_pose import REST, align, find_pose
-from zoomout_core.transfer.rigging.skinning import normalise, skinning_matrices
+from zoomout_core.transfer.rigging.skinning import skinning_matrices
 from zoomout_core.transfer.rigging.unpose import Rest, unpose
 from zoomout_core.transfer.rules import Match, map_target, transfer_along
 

@@ -12,9 +12,9 @@ from zoomout_core.colors import place_colors
 from zoomout_core.drawing import draw_upright
 from zoomout_core.geometry.procrustes import procrustes
 from zoomout_core.matching.result import MatchResult
+from zoomout_core.mesh.affine_maps import blend_matrices, transform_points
 from zoomout_core.mesh.decimation import decimate
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.transfer.rigging.skinning import blend_matrices, transform_points
 
 # Pixels of a picture of one shape, and degrees by which it is seen from the side.
 WIDTH, HEIGHT, YAW = 260, 320, 25.0

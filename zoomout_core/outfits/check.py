@@ -13,13 +13,13 @@ from scipy.sparse import csr_array
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.assets.asset import Asset
 from zoomout_core.matching.report.verdict import AMBER, GREEN, Verdict
+from zoomout_core.mesh.affine_maps import blend_matrices, transform_points
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import edge_lengths, unique_edges
 from zoomout_core.messages import message
 from zoomout_core.outfits.dress_avatar import DressedAvatar
 from zoomout_core.transfer.dressing.contact import SidedSurface
 from zoomout_core.transfer.rigging.poses import extend_poses, find_limbs, pose_of_turns
-from zoomout_core.transfer.rigging.skinning import blend_matrices, transform_points
 
 # The poses, and the axes that limbs turn about in them; y is up. In one, limbs swing to the front and back, in the
 # other one to the sides.

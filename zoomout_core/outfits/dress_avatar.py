@@ -14,6 +14,7 @@ from zoomout_core.arrays import Floats
 from zoomout_core.assets.asset import NORMALS, SHAPE_KEYS, Asset
 from zoomout_core.assets.gltf.append import NewJoint
 from zoomout_core.assets.gltf.springs import Partner
+from zoomout_core.mesh.affine_maps import normalise
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import unit_vectors
 from zoomout_core.messages import warning
@@ -25,7 +26,7 @@ from zoomout_core.transfer.dressing.body_keys import follow_keys
 from zoomout_core.transfer.dressing.dress import Dressed, carry, clear_in_poses
 from zoomout_core.transfer.dressing.posed_contact import PosedBody
 from zoomout_core.transfer.rigging.poses import extend_poses, gentle_poses
-from zoomout_core.transfer.rigging.skinning import normalise, renumber_bones
+from zoomout_core.transfer.rigging.skinning import renumber_bones
 
 # Fractions of the progress at the end of the fit, and of its change for poses; then objects follow keys.
 FITTED, CLEARED = 0.3, 0.5

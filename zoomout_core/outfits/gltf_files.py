@@ -14,9 +14,9 @@ from zoomout_core.assets.asset import Asset
 from zoomout_core.assets.files import AVATAR, read_asset
 from zoomout_core.assets.gltf.append import append_to_gltf
 from zoomout_core.assets.gltf.compress import compress_gltf
-from zoomout_core.assets.gltf.document import VRM_0
 from zoomout_core.collection.shapes import content_key
 from zoomout_core.maps.known_match import KnownMatch
+from zoomout_core.mesh.formats.gltf_document import VRM_0
 from zoomout_core.mesh.formats.opening import file_bytes
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.outfits.batch import FITS, DressedFile

@@ -22,6 +22,7 @@ from zoomout_core.assets.skeletons import make_unique, skeleton_of
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.geometry.procrustes import Similarities, nearest_rotations
 from zoomout_core.maps.surface_map import interpolation_matrix
+from zoomout_core.mesh.affine_maps import normalise
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.messages import message, warning
 from zoomout_core.transfer.dressing.body_weights import WeightedBody, follow_weights
@@ -29,7 +30,7 @@ from zoomout_core.transfer.dressing.joint_alignment import JointPairs, align_joi
 from zoomout_core.transfer.rigging.bone_pairs import pair_bones
 from zoomout_core.transfer.rigging.joints import motions_around, move_joints
 from zoomout_core.transfer.rigging.poses import parents_first
-from zoomout_core.transfer.rigging.skinning import matrices_of, normalise, renumber_bones
+from zoomout_core.transfer.rigging.skinning import matrices_of, renumber_bones
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,9 +15,9 @@ from zoomout_core.arrays import Floats
 from zoomout_core.assets.asset import MATERIALS, NORMALS, SHAPE_KEYS, UV, Asset, Skin
 from zoomout_core.assets.level import Level
 from zoomout_core.maps.surface_map import interpolation_matrix
+from zoomout_core.mesh.affine_maps import normalise
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
-from zoomout_core.transfer.rigging.skinning import normalise
 
 from ..arrays import read_array
 from ..attributes.layers import (

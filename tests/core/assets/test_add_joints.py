@@ -16,8 +16,8 @@ from zoomout_core.assets.asset import WEIGHTS, Asset
 from zoomout_core.assets.files import read_asset, write_asset
 from zoomout_core.assets.part_names import mask_of_parts
 from zoomout_core.assets.transfer_asset import transfer_asset
+from zoomout_core.mesh.affine_maps import blend_matrices, transform_points
 from zoomout_core.mesh.surface import MeshError
-from zoomout_core.transfer.rigging.skinning import blend_matrices, transform_points
 
 # The source is this much larger than the target.
 SIZE = 3.0

@@ -15,9 +15,9 @@ from vrm_validator import faults
 
 from zoomout_core.assets.files import read_asset
 from zoomout_core.assets.gltf.append import NewJoint, append_to_gltf
-from zoomout_core.assets.gltf.document import Document
 from zoomout_core.assets.gltf.springs import Partner, copy_springs
 from zoomout_core.geometry.procrustes import nearest_rotations
+from zoomout_core.mesh.formats.gltf_document import Document
 
 HEAD = 1 + list(BONES).index("head")
 VERSIONS = list(product((0, 1), (0, 1)))

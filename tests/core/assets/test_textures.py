@@ -14,9 +14,9 @@ from skinned_tubes import PNG, write_tube
 
 from zoomout_core.assets.asset import Asset, Material, material_numbers
 from zoomout_core.assets.files import read_asset, write_asset
-from zoomout_core.assets.gltf.document import Document
-from zoomout_core.assets.images import image_type
+from zoomout_core.mesh.formats.gltf_document import Document
 from zoomout_core.mesh.formats.gltf_files import parse_gltf
+from zoomout_core.mesh.formats.image_types import image_type
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.runtime.version import package_version
 

@@ -12,7 +12,7 @@ from scipy.sparse import csr_array
 
 from zoomout_core.assets.asset import SHAPE_KEYS, Asset, Material, Skin, material_numbers
 from zoomout_core.assets.files import write_asset
-from zoomout_core.assets.gltf.document import Document
+from zoomout_core.mesh.formats.gltf_document import Document
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 

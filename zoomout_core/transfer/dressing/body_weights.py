@@ -17,6 +17,7 @@ from scipy.sparse import csr_array, diags_array
 
 from zoomout_core.arrays import Floats
 from zoomout_core.geometry.screened_smoothing import ScreenedSmoothing
+from zoomout_core.mesh.affine_maps import normalise
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.runtime.threads import on_one_blas_thread
@@ -24,7 +25,6 @@ from zoomout_core.transfer.dressing.body_keys import means_of_skin
 from zoomout_core.transfer.dressing.form import Form, Lines, read_masks
 from zoomout_core.transfer.dressing.patches import Patches
 from zoomout_core.transfer.inpaint import MIN_WEIGHT
-from zoomout_core.transfer.rigging.skinning import normalise
 from zoomout_core.transfer.rigging.weights import limit_weights
 from zoomout_core.tuning import Tuning, tuned
 

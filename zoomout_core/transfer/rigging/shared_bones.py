@@ -15,9 +15,10 @@ import numpy as np
 from scipy.sparse import csr_array, diags_array
 
 from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.mesh.affine_maps import normalise
 from zoomout_core.transfer.rigging.bone_pairs import Skeleton, pair_bones
 from zoomout_core.transfer.rigging.poses import parents_first
-from zoomout_core.transfer.rigging.skinning import normalise, renumber_bones
+from zoomout_core.transfer.rigging.skinning import renumber_bones
 
 # Share of what a bone moves above which it belongs to a part.
 MOSTLY = 0.5

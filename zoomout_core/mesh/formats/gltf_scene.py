@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Read glTF and GLB files as assets: all meshes of the scene as one surface, with transforms and pose applied.
+"""The meshes of glTF and GLB files, joined as one surface, with transforms and pose applied.
 
 glTF splits vertices where texture coordinates or normals differ. Here vertices with equal position, skin weights and
 morph targets are merged, and the other data belongs to the corners.
@@ -14,17 +14,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array, csr_array, vstack
+from scipy.sparse import coo_array, csr_array
 
 from zoomout_core.arrays import Booleans, Floats, Integers
-from zoomout_core.assets.asset import COLOR, NORMALS, SHAPE_KEYS, UV, Asset, Material, Skin, material_numbers, to_rest
-from zoomout_core.assets.gltf.document import INSTANCES, PLACE, STORED_MAP, Document, morph_target_names
-from zoomout_core.assets.stored_map import StoredMap, stored_map_from
+from zoomout_core.mesh.affine_maps import blend_matrices, normalise, transform_points
+from zoomout_core.mesh.formats.gltf_document import PLACE, Document, morph_target_names
 from zoomout_core.mesh.surface import MeshError, Surface
-from zoomout_core.mesh.triangles import unit_vectors
-from zoomout_core.messages import warning
-from zoomout_core.transfer.attribute import Attribute, Domain, Kind
-from zoomout_core.transfer.rigging.skinning import blend_matrices, normalise, transform_points
 
 if TYPE_CHECKING:
     from pygltflib import Primitive
@@ -33,12 +28,10 @@ if TYPE_CHECKING:
 TRIANGLES, STRIP, FAN = 4, 5, 6
 # Corners of the even and odd triangles of a strip.
 EVEN, ODD = np.array([0, 1, 2]), np.array([1, 0, 2])
-# Rounding difference of two bind matrices, relative to the largest entry.
-SAME = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
-class _Mesh:
+class GltfMesh:
     """The mesh of one node: n vertices, and m triangles with three corners each.
 
     Attributes:
@@ -70,75 +63,35 @@ class _Mesh:
     place: Floats | None
 
 
-def read_gltf(path: Path, folders: Iterable[Path] = ()) -> Asset:
-    """Read a glTF or GLB file.
+class GltfScene(NamedTuple):
+    """The meshes of a file, posed and joined."""
+
+    document: Document
+    nodes: Sequence[int]  # with meshes
+    meshes: Sequence[GltfMesh]  # with triangles
+    skeleton: Skeleton
+    matrices: Sequence[Floats]  # (n, 3, 4) of each mesh, which pose its vertices
+    surface: Surface
+
+
+def read_scene(path: Path, folders: Iterable[Path] = ()) -> GltfScene | None:
+    """Read the meshes of a file; None without triangles.
 
     Args:
         path: the file.
         folders: further folders in which its buffers and images may be.
 
     Raises:
-        MeshError: it cannot be read, is compressed, or has no triangles.
+        MeshError: it cannot be read, or is compressed.
         ImportError: pygltflib is not installed.
     """
-    scene = _read_scene(path, folders)
-    if scene is None:
-        raise MeshError(f"{path} contains no triangles: choose a file with a surface.")
-    document, nodes, meshes, skeleton, matrices, surface = scene
-    attributes = [
-        *_corner_attributes(meshes, matrices),
-        *_shape_keys(meshes, matrices),
-        material_numbers(np.concatenate([mesh.material for mesh in meshes])),
-    ]
-    skin, materials = skeleton.skin(meshes, surface.vertices), materials_of(document)
-    return Asset(
-        surface,
-        tuple(attributes),
-        materials,
-        skin,
-        document,
-        (*_omissions(path, document, nodes), *_without_weights(path, meshes), *document.notes),
-        objects=tuple((document.gltf.nodes[mesh.node].name or "", len(mesh.vertices)) for mesh in meshes),
-        nodes=tuple(mesh.node for mesh in meshes),
-        look=document,
-        stored_map=_stored_map(document, meshes),
-    )
-
-
-def read_gltf_surface(path: Path) -> Surface | None:
-    """The surface of `read_gltf` without its data, for `mesh.files`; None without triangles."""
-    scene = _read_scene(path)
-    return None if scene is None else scene.surface
-
-
-def _stored_map(document: Document, meshes: Sequence[_Mesh]) -> StoredMap | None:
-    """The map that a file stores; None unless all meshes have it."""
-    places = [mesh.place for mesh in meshes if mesh.place is not None]
-    if len(places) < len(meshes):
-        return None
-    return stored_map_from(np.concatenate(places), (document.gltf.asset.extras or {}).get(STORED_MAP))
-
-
-class _Scene(NamedTuple):
-    """The meshes of a file, posed and joined."""
-
-    document: Document
-    nodes: Sequence[int]  # with meshes
-    meshes: Sequence[_Mesh]  # with triangles
-    skeleton: _Skeleton
-    matrices: Sequence[Floats]  # (n, 3, 4) of each mesh, which pose its vertices
-    surface: Surface
-
-
-def _read_scene(path: Path, folders: Iterable[Path] = ()) -> _Scene | None:
-    """Read the meshes of a file; None without triangles."""
     document = Document(path, folders)
     worlds, parent = document.worlds()
     nodes = [number for number in document.in_order(parent) if document.gltf.nodes[number].mesh is not None]
     meshes = [mesh for mesh in (_mesh(document, number) for number in nodes) if len(mesh.triangles)]
     if not meshes:
         return None
-    skeleton = _Skeleton(document, worlds, parent, meshes)
+    skeleton = Skeleton(document, worlds, parent, meshes)
     meshes = [_wind_outwards(mesh, worlds[mesh.node]) for mesh in meshes]
     matrices = [skeleton.matrices(mesh) for mesh in meshes]
     vertices = np.concatenate(
@@ -147,36 +100,10 @@ def _read_scene(path: Path, folders: Iterable[Path] = ()) -> _Scene | None:
     first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
     triangles = np.concatenate([mesh.triangles + start for mesh, start in zip(meshes, first, strict=False)])
     surface = Surface.from_corners(vertices, triangles.ravel(), np.arange(0, triangles.size + 1, 3))
-    return _Scene(document, nodes, meshes, skeleton, matrices, surface)
+    return GltfScene(document, nodes, meshes, skeleton, matrices, surface)
 
 
-def _omissions(path: Path, document: Document, nodes: Sequence[int]) -> list[str]:
-    """Notes on the parts of a scene that an asset does not include."""
-    meshes = [document.gltf.meshes[document.gltf.nodes[node].mesh] for node in nodes]
-    found = []
-    if any(each.mode not in (None, TRIANGLES, STRIP, FAN) for mesh in meshes for each in mesh.primitives):
-        found.append(f"{path.name} contains points or lines, which are left out.")
-    if any(INSTANCES in (document.gltf.nodes[node].extensions or {}) for node in nodes):
-        found.append(f"{path.name} contains copies of meshes ({INSTANCES}), of which only the original is read.")
-    return found
-
-
-def _without_weights(path: Path, meshes: Sequence[_Mesh]) -> list[str]:
-    """A note on vertices of skinned meshes without weights."""
-    count = sum(mesh.bare for mesh in meshes)
-    if not count:
-        return []
-    return [
-        warning(
-            "{count:,} vertices in {name} have no skin weights and follow the first joint that they list, as in "
-            "Blender: check whether they move with the vertices around them.",
-            count=count,
-            name=path.name,
-        )
-    ]
-
-
-def _wind_outwards(mesh: _Mesh, world: Floats) -> _Mesh:
+def _wind_outwards(mesh: GltfMesh, world: Floats) -> GltfMesh:
     """Reverse the faces of a mesh if its node mirrors it; the node of a skinned mesh does not count."""
     if mesh.skin is not None or np.linalg.det(world[:3, :3]) > 0:
         return mesh
@@ -191,7 +118,7 @@ def _wind_outwards(mesh: _Mesh, world: Floats) -> _Mesh:
 # --- meshes -------------------------------------------------------------------------------------------------
 
 
-def _mesh(document: Document, number: int) -> _Mesh:
+def _mesh(document: Document, number: int) -> GltfMesh:
     """The mesh of a node, with vertices merged that were split by corner data."""
     node = document.gltf.nodes[number]
     mesh = document.gltf.meshes[node.mesh]
@@ -222,7 +149,7 @@ def _mesh(document: Document, number: int) -> _Mesh:
     corner, material = corner[whole], material[whole]
     names = (name for name in rows if name.startswith(("TEXCOORD_", "COLOR_")) or name == "NORMAL")
     has_map = PLACE in rows and all(PLACE in each for each in attributes)
-    return _Mesh(
+    return GltfMesh(
         node=number,
         skin=node.skin,
         vertices=rows["POSITION"][chosen],
@@ -303,66 +230,10 @@ def _influences(rows: dict[str, Floats]) -> tuple[Integers, Floats, Booleans]:
     return np.where(weight > 0, joint, 0), np.maximum(weight, 0), bare
 
 
-# --- attributes ---------------------------------------------------------------------------------------------
-
-
-def _corner_attributes(meshes: Sequence[_Mesh], matrices: Sequence[Floats]) -> list[Attribute]:
-    """Texture coordinates, colours and normals of all corners; zero, or white, if a mesh has none."""
-    found = []
-    for name in sorted({name for mesh in meshes for name in mesh.corners}):
-        width = max(mesh.corners[name].shape[1] for mesh in meshes if name in mesh.corners)
-        blank = 1.0 if name.startswith("COLOR_") else 0.0
-        values = [
-            np.full((mesh.triangles.size, width), blank) if name not in mesh.corners else mesh.corners[name]
-            for mesh in meshes
-        ]
-        if name == "NORMAL":
-            if all(name in mesh.corners for mesh in meshes):
-                turned = [_turn(*each) for each in zip(values, meshes, matrices, strict=True)]
-                found.append(Attribute(NORMALS, Domain.CORNER, Kind.NORMAL, np.concatenate(turned)))
-            continue
-        filled = [np.hstack([each, np.ones((len(each), width - each.shape[1]))]) for each in values]
-        whole, number = np.concatenate(filled), name.rpartition("_")[2]
-        if name.startswith("COLOR_"):
-            found.append(Attribute(f"{COLOR} {number}", Domain.CORNER, Kind.COLOR, whole))
-        else:
-            found.append(Attribute(f"{UV} {number}", Domain.CORNER, Kind.UV, whole * [1, -1] + [0, 1]))
-    return found
-
-
-def _turn(normals: Floats, mesh: _Mesh, matrices: Floats) -> Floats:
-    """Normals (3 m, 3) of the posed mesh."""
-    inverse = np.linalg.pinv(matrices[:, :, :3])[mesh.triangles.ravel()]
-    return unit_vectors(np.einsum("cyx,cy->cx", inverse, normals))
-
-
-def _shape_keys(meshes: Sequence[_Mesh], matrices: Sequence[Floats]) -> list[Attribute]:
-    """Morph targets of all meshes, by name."""
-    keys = list(dict.fromkeys(key for mesh in meshes for key in mesh.keys))
-    if not keys:
-        return []
-    offsets = [np.zeros((len(mesh.vertices), len(keys), 3)) for mesh in meshes]
-    for each, mesh, matrix in zip(offsets, meshes, matrices, strict=True):
-        each[:, [keys.index(key) for key in mesh.keys]] = np.einsum("nxy,nky->nkx", matrix[:, :, :3], mesh.offsets)
-    return [Attribute(SHAPE_KEYS, Domain.POINT, Kind.OFFSET, np.concatenate(offsets), tuple(keys))]
-
-
-def materials_of(document: Document) -> tuple[Material, ...]:
-    """The materials of a document, restricted to what every format can store."""
-    materials = []
-    for number, material in enumerate(document.gltf.materials):
-        look = material.pbrMetallicRoughness
-        color = look.baseColorFactor if look is not None and look.baseColorFactor else [1.0, 1.0, 1.0, 1.0]
-        texture = None if look is None else look.baseColorTexture
-        image = None if texture is None else document.image_of(texture.index)
-        materials.append(Material(material.name or f"Material {number + 1}", tuple(color), image))
-    return tuple(materials)
-
-
 # --- joints -------------------------------------------------------------------------------------------------
 
 
-class _Skeleton:
+class Skeleton:
     """The joints of all skins of a file, and the nodes of meshes that are parented to joints.
 
     Args:
@@ -372,7 +243,7 @@ class _Skeleton:
         meshes: the visible meshes.
     """
 
-    def __init__(self, document: Document, worlds: Floats, parent: Integers, meshes: Sequence[_Mesh]) -> None:
+    def __init__(self, document: Document, worlds: Floats, parent: Integers, meshes: Sequence[GltfMesh]) -> None:
         self.document, self.worlds, self.parent = document, worlds, parent
         self.skins = {
             number: (np.asarray(document.gltf.skins[number].joints), self._inverse_bind(number))
@@ -392,61 +263,27 @@ class _Skeleton:
             return np.tile(np.eye(4), (len(skin.joints), 1, 1))
         return self.document.matrices(skin.inverseBindMatrices)
 
-    def matrices(self, mesh: _Mesh) -> Floats:
+    def matrices(self, mesh: GltfMesh) -> Floats:
         """(n, 3, 4) matrices that pose the vertices of a mesh."""
         count = len(mesh.vertices)
         if mesh.skin is None:
             return np.broadcast_to(self.worlds[mesh.node][:3], (count, 3, 4))
         nodes, inverse_bind = self.skins[mesh.skin]
-        shares = normalise(_sparse(np.arange(count)[:, None], mesh.joint, mesh.weight, (count, len(nodes))))
+        shares = normalise(sparse_weights(np.arange(count)[:, None], mesh.joint, mesh.weight, (count, len(nodes))))
         matrices = blend_matrices((self.worlds[nodes] @ inverse_bind)[:, :3], shares)
         unweighted = np.diff(shares.indptr) == 0
         matrices[unweighted] = self.worlds[mesh.node][:3]
         return matrices
 
-    def skin(self, meshes: Sequence[_Mesh], seen: Floats) -> Skin | None:
-        """Make one skin for all meshes, with posed positions (n, 3)."""
-        if not len(self.nodes):
-            return None
-        weights = csr_array(vstack([self._weights(mesh) for mesh in meshes]))
-        rest, linear = to_rest(seen, weights, self.transforms)
-        start = 0
-        for mesh in meshes:
-            if mesh.skin is not None and self._is_bound_alike(mesh.skin):
-                rest[start : start + len(mesh.vertices)] = mesh.vertices
-            start += len(mesh.vertices)
-        number = {node: joint for joint, node in enumerate(self.nodes.tolist())}
-        names = (self.document.gltf.nodes[node].name or f"Joint {node}" for node in self.nodes.tolist())
-        parents = [number.get(self._ancestor(int(self.parent[node])), -1) for node in self.nodes.tolist()]
-        return Skin(self.nodes, tuple(names), np.array(parents), self.bind, self.transforms, rest, linear, weights)
-
-    def _weights(self, mesh: _Mesh) -> csr_array:
-        """(n, b) weights of the joints of all skins; a vertex without weight follows its parent joint, or the first."""
-        count, size = len(mesh.vertices), (len(mesh.vertices), len(self.nodes))
-        above = self._ancestor(mesh.node)
-        hanging = 0 if above < 0 else int(np.searchsorted(self.nodes, above))
-        rows = np.arange(count)[:, None]
-        if mesh.skin is None:
-            return _sparse(rows, np.full((count, 1), hanging), np.ones((count, 1)), size)
-        joint = np.searchsorted(self.nodes, self.skins[mesh.skin][0])[mesh.joint]
-        none = mesh.weight.sum(axis=1, keepdims=True) <= 0
-        joint, weight = np.hstack([joint, np.full((count, 1), hanging)]), np.hstack([mesh.weight, none])
-        return normalise(_sparse(rows, joint, weight, size))
-
-    def _ancestor(self, node: int) -> int:
+    def ancestor(self, node: int) -> int:
         """The nearest joint among a node and its ancestors, -1 without one."""
         while node >= 0 and node not in self.nodes:
             node = int(self.parent[node])
         return node
 
-    def _is_bound_alike(self, number: int) -> bool:
-        """Whether a skin binds its joints like the first skin that has them."""
-        nodes, inverse_bind = self.skins[number]
-        common = self.bind[np.searchsorted(self.nodes, nodes)]
-        return bool(np.abs(inverse_bind - common).max() <= SAME * np.abs(common).max())
 
-
-def _sparse(rows: Integers, columns: Integers, values: Floats, shape: tuple[int, int]) -> csr_array:
+def sparse_weights(rows: Integers, columns: Integers, values: Floats, shape: tuple[int, int]) -> csr_array:
+    """Sparse weights of a shape, from rows, columns and values that broadcast; values of zero are dropped."""
     rows, columns, values = (each.ravel() for each in np.broadcast_arrays(rows, columns, values))
     kept = values > 0
     return csr_array(coo_array((values[kept], (rows[kept], columns[kept])), shape=shape))
