@@ -32,6 +32,7 @@ from .dressing.dress import prepare_dress
 from .dressing.read import Dressing
 from .matching.collection_match import prepare_parts
 from .matching.joined_match import Parts
+from .matching.made_match import MatchUse
 
 # Extensions of avatar files.
 ENDINGS = (BLEND, ".fbx", ".glb", ".gltf")
@@ -97,7 +98,7 @@ class BlenderFiles:
         wearer = find_mesh(self.context, target.largest)
         main = self._store_match(source, bodies, target, map_file)
         before = _count_bones(wearer)
-        report = run(prepare_dress(self.context, main, wearer.name, worn, self.dressing, force=True))()
+        report = run(prepare_dress(self.context, main, wearer.name, worn, self.dressing, MatchUse(force=True)))()
         joints = _count_bones(wearer) - before
         made = self._check(bodies, list(target.body), wearer, report["objects"])
         for name in target.body:  # their matches refer to objects of another file

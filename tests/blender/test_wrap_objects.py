@@ -28,6 +28,7 @@ from blender_addon import api, jobs
 from blender_addon.operators.wrap import ZOOMOUT_OT_wrap
 from blender_addon.properties.wrap import WrapOptions
 from blender_addon.scene.pair import read_pair
+from blender_addon.services.matching.made_match import MatchUse
 from blender_addon.services.wrap import prepare_wrap, summary
 from blender_addon.storage import stored_match
 from zoomout_core.geometry.closest_points import closest_points
@@ -259,7 +260,7 @@ def test_adjusting_reuses_the_computed_match(source, monkeypatch):
     prepare = partial(prepare_wrap, bpy.context, "Source", "Copy", initial="same_order")
     jobs.run(prepare(api.Wrapping()))  # as if it had been undone
     monkeypatch.setattr("blender_addon.services.matching.made_match.match_pair", None)
-    jobs.run(prepare(api.Wrapping(detail=0.5), adjusted=True))()
+    jobs.run(prepare(api.Wrapping(detail=0.5), MatchUse(adjusted=True)))()
     assert copy.data.shape_keys is not None
 
 
