@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Rigs moved to bodies of other builds, whose joints are known: the set `clothes`."""
+"""Rigs that are moved to bodies of other builds with known joints: the set `clothes`."""
 
 from __future__ import annotations
 

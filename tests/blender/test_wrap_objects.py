@@ -97,7 +97,7 @@ def test_wrap_key_has_the_shape_of_the_source(source, target):
     assert off(moved_to(target, source), source).max() < 1e-5
     np.testing.assert_array_equal(key_shape(target.data, "Basis"), basis)
     assert snapshot(source) == before
-    # The match holds still.
+    # The match does not change.
     assert api.transfer_objects(bpy.context, source, target, ["attributes"])["vertices"] == len(basis)
 
 
@@ -132,7 +132,7 @@ def test_wrapping_the_mesh_moves_its_keys_and_match(source, target):
 
 
 def test_a_new_object_lies_on_the_source(source, target):
-    target.matrix_world = Matrix.Diagonal((-1, 1, 1, 1))  # mirrored, so that its faces are turned over
+    target.matrix_world = Matrix.Diagonal((-1, 1, 1, 1))  # mirrored, so that its faces are flipped
     bpy.context.view_layer.update()
     keep_match_by_direction(target)
     set_weights(target, "Bone", np.ones(len(target.data.vertices)))

@@ -48,7 +48,7 @@ os._exit(0)
 
 @pytest.fixture
 def pair(installed):
-    """A source with all kinds of data, and its shape as the target, turned and with another order of vertices."""
+    """A source with all kinds of data, and its shape as the target, rotated and with another order of vertices."""
     bpy.ops.wm.read_homefile(use_empty=True)
     source, target = ellipsoid("Source", 4), ellipsoid("Target", 4)
     order = np.random.default_rng(0).permutation(len(target.data.vertices))

@@ -79,8 +79,8 @@ def add_bones(
         context: Blender's; both objects are in its scene.
         source: an object that one armature deforms.
         target: an object that another armature deforms.
-        mask_group: the vertex group of the target with its share of the source's weights; that of a bone stands for all
-            bones below it, too.
+        mask_group: the vertex group of the target with its share of the source's weights. The group of a bone includes
+            those of all bones below it.
         force: whether to use a new match even if it is probably wrong.
         match_options: options of `match_objects`, for a new match.
 

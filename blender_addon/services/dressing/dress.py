@@ -44,7 +44,7 @@ def dress(
     """Dress a target with copies of a source's accessories, fitted to its body along their match or a new one.
 
     If both are bound to one armature, they are fitted in its rest pose, and the copies are bound to it, too. If the
-    target has an armature of its own, they are bound to that, which receives the outfit's own bones. Else the copies
+    target has a different armature, they are bound to that, which receives the outfit's own bones. Otherwise the copies
     are children of the target in its present pose, and follow when it is bound to the source's armature. Earlier copies
     of the same objects are replaced; the objects themselves are not changed.
 

@@ -35,7 +35,7 @@ class Change(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class GroupWeights:
-    """Vertex groups of two bodies, and of what one of them wears.
+    """Vertex groups of two bodies, and of the objects that one of them wears.
 
     Attributes:
         source: those of the source.

@@ -22,7 +22,7 @@ from ...translations import translated
 from ..constraints import match_pair, settings_to_store
 from .candidates import cache_made_match, last_made_match, store_match
 
-# How a script uses a match anyway; other callers give a sentence of their own.
+# How a script uses a match anyway; other callers give their own sentence.
 CALL_WITH_FORCE = "To use this match anyway, call the function with force=True."
 
 
@@ -52,10 +52,10 @@ class FoundMatch:
 
     Attributes:
         match: the match.
-        settings: the options that it was made with, as far as they are known.
+        settings: the known options that it was made with.
         done: the fraction of the operation's progress that finding it took, in [0, 1].
         is_new: whether it was not stored before.
-        refused: the match, if it is new, probably wrong, and not to be used anyway.
+        refused: the match, if it is new and probably wrong, and its use is not forced.
     """
 
     match: Match
@@ -73,7 +73,7 @@ class FoundMatch:
 async def find_match(
     context: Context, pair: ObjectPair, share: float, use: MatchUse, match_options: dict[str, Any]
 ) -> FoundMatch:
-    """Read the stored match of two objects, or else match them and cache the match in memory.
+    """Read the stored match of two objects; without one, match them and cache the match in memory.
 
     Args:
         context: Blender's.
@@ -102,7 +102,7 @@ def store_and_stop(
     settings: Mapping[str, Any],
     use: MatchUse,
 ) -> NoReturn:
-    """Store a match that is probably wrong, so that the user can look at it, and do nothing else.
+    """Only store a match that is probably wrong, so that the user can check it.
 
     Args:
         context: Blender's.
@@ -112,7 +112,7 @@ def store_and_stop(
         use: the sentence that says how to use the match anyway, and whether to push an undo step.
 
     Raises:
-        RefusedMatchError: always; the message says how to go on.
+        RefusedMatchError: always; the message says how to continue.
     """
     with writing(context, pair) as (_, target):
         store_match(target.data, match, pair, settings)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A second source gives its joints and weights to a part of a target that has joints of its own."""
+"""A second source gives its joints and weights to a part of a target that has its own joints."""
 
 from __future__ import annotations
 

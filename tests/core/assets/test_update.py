@@ -231,7 +231,7 @@ def test_unchanged_data_is_not_transferred(made: Path, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("paint", [False, True])
 def test_pose_of_the_file_does_not_count_as_a_change(paint: bool, tmp_path: Path) -> None:
-    """In the pose of the file, shape keys turn with the joints, also by new weights."""
+    """In the pose of the file, shape keys rotate with the joints, also by new weights."""
     write_tube(tmp_path / "straight.glb")
     write_tube(tmp_path / "bent.glb", bend=1.0)
     before, now = read_asset(tmp_path / "straight.glb"), read_asset(tmp_path / "bent.glb")

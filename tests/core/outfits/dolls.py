@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Write creatures with joints, some of them in a shirt and trousers with joints of their own, as GLB files."""
+"""Write creatures with joints, some of them in a shirt and trousers with their own joints, as GLB files."""
 
 from __future__ import annotations
 
