@@ -155,12 +155,17 @@ def _take_rows(first: csr_array, second: csr_array, chosen: Booleans) -> csr_arr
 
 
 def _weight_limit(before: Asset, derived: Asset) -> int | None:
-    """The largest number of joints of a vertex of an asset, if its source has more; None if it has not."""
+    """How many joints a vertex of an asset may have; None if this is not limited.
+
+    It is what the asset was made with. Weights are also limited if its vertices have fewer joints than the source's.
+    """
     own, given = (
         0 if each.skin is None else int(np.diff(csr_array(each.skin.weights).indptr).max(initial=0))
         for each in (derived, before)
     )
-    return own if own < given else None
+    assert derived.stored_map is not None
+    limits = [] if derived.stored_map.max_weights is None else [derived.stored_map.max_weights]
+    return min([*limits, own] if own < given else limits, default=None)
 
 
 def changed_kinds(before: Asset, now: Asset, kinds: Collection[str]) -> list[str]:
