@@ -160,7 +160,9 @@ def fit_weights(
     found = shares.data.copy()
     found[free] += step
     found[shares.indices == main[row]] -= np.bincount(vertex, step, len(vertices))[np.diff(shares.indptr) > 0]
-    return normalise(csr_array((np.maximum(found, 0), shares.indices, shares.indptr), shape=shares.shape))
+    fitted = csr_array((np.maximum(found, 0), shares.indices, shares.indptr), shape=shares.shape)
+    fitted.eliminate_zeros()
+    return normalise(fitted)
 
 
 def closest_facing(vertices: Floats, triangles: Integers, parts: Integers, places: Places) -> tuple[Integers, Floats]:

@@ -103,6 +103,12 @@ def test_each_part_reduces_the_error_in_poses(
         assert make_lods(source, [0.4])[0].posed_error > factor * level.posed_error
 
 
+def test_joints_whose_fitted_weights_vanish_are_left_out(coarse: tuple[Asset, Level]) -> None:
+    _, level = coarse
+    assert level.asset.skin is not None
+    assert level.asset.skin.weights.data.min() > 0
+
+
 def test_textures_do_not_slip(folder: Path) -> None:
     source = at_rest(read_asset(folder / "levels" / "character_LOD2.glb"))
 

@@ -270,6 +270,7 @@ def _influences(weights: csr_array, columns: Integers) -> tuple[NDArray[Any], ND
     joint = np.zeros((weights.shape[0], sets * INFLUENCES), "<u1" if columns.max(initial=0) < 256 else "<u2")
     share = np.zeros(joint.shape, "<f4")
     joint[row, rank], share[row, rank] = columns[weights.indices[order]], weights.data[order]
+    joint[share == 0] = 0  # also where a weight is too small for single floats
     # Readers expect single floats that sum to one.
     share[:, 0] += 1 - share.sum(axis=1, dtype=np.float64)
     return joint, share
