@@ -36,7 +36,7 @@ from .base import (
 from .body_keys import BodyKeys, read_body_keys, write_body_keys
 from .cutting import divide, write_divided
 from .image_nodes import ImageRole, ImageUse, copy_with_images, read_image_uses
-from .images import ImageFormat, read_tiles, write_image
+from .images import ImageFormat, folder_error, move_images, read_tiles, write_image
 from .inspection import MeshFacts, content_hash, inspect_mesh
 from .intersections import intersecting_triangles
 from .joined import (
@@ -225,6 +225,7 @@ __all__ = [
     "evaluated_mesh",
     "extent",
     "fits",
+    "folder_error",
     "follow_constraints",
     "frames_of_animation",
     "groups_to_keep",
@@ -239,6 +240,7 @@ __all__ = [
     "kept_group",
     "link_modifier",
     "locked_groups",
+    "move_images",
     "move_vertices",
     "moves_by_itself",
     "nearest_surface_point",

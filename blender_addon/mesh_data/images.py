@@ -6,7 +6,8 @@ Rows go from top to bottom, and there are always four channels. Images of eight 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import os
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -108,6 +109,37 @@ def write_image(
     return image
 
 
+def move_images(images: Iterable[Image], folder: Path) -> None:
+    """Move the files of images, all in one folder with no others, to another one, which is made if it is missing.
+
+    Raises:
+        MeshError: they cannot be moved; nothing was.
+    """
+    images = list(images)
+    files = [*Path(images[0].filepath_raw).parent.iterdir()]
+    try:
+        folder.mkdir(exist_ok=True)
+    except OSError as error:
+        raise folder_error(folder) from error
+    for name in sorted(file.name for file in files if (folder / file.name).is_dir()):
+        raise _save_error(name, folder)
+    for file in files:
+        os.replace(file, folder / file.name)
+    for image in images:
+        image.filepath_raw = str(folder / Path(image.filepath_raw).name)
+
+
+def folder_error(folder: Path) -> zo.MeshError:
+    """The error that a folder for images cannot be made."""
+    return zo.MeshError("The folder {folder} cannot be made: pack the images instead.", folder=str(folder))
+
+
+def _save_error(name: str, folder: Path) -> zo.MeshError:
+    return zo.MeshError(
+        "The image '{name}' cannot be saved: check its folder, {folder}.", name=name, folder=str(folder)
+    )
+
+
 def _read(image: Image) -> Pixels:
     width, height = image.size
     channels = image.channels
@@ -167,6 +199,4 @@ def _save(image: Image, path: Path) -> None:
     try:
         image.save()
     except RuntimeError as error:
-        raise zo.MeshError(
-            "The image '{name}' cannot be saved: check its folder, {folder}.", name=image.name, folder=str(path.parent)
-        ) from error
+        raise _save_error(image.name, path.parent) from error
