@@ -33,6 +33,7 @@ NODE = re.compile(r"^.*[.:|](?=.)")
 # are present. Fewer may be chance, such as VRM's "a".
 MIN_NAMES, MIN_SHARE = 3, 0.5
 MANY_NAMES = 4096  # whose forms are kept: the names of the keys of one head are recognised several times
+MANY_HEADS = 16  # whose names are recognised once: a transfer looks for several keys
 # Missing names that are listed in a sentence.
 LISTED = 12
 
@@ -134,7 +135,7 @@ def translate_key_names(names: Sequence[str], target: str, source: str | None = 
         _check(convention)
     renamed = {name: name for name in names if name in key_names(target)}
     taken, composed = set(renamed), dict[str, Sum]()
-    own = _sort(names) if source is None else {source: _find(names, source)}
+    own = _sort(tuple(names)) if source is None else {source: _find(names, source)}
     for each, found in own.items():
         rows = [(row[each], row[target]) for row in _expressions() if each in row and target in row]
         for old, new in rows:
@@ -307,7 +308,8 @@ def _expand(text: str, sides: Sequence[str]) -> Iterator[str]:
 # --- recognition --------------------------------------------------------------------------------------------
 
 
-def _sort(names: Sequence[str]) -> dict[str, dict[str, str]]:
+@lru_cache(MANY_HEADS)
+def _sort(names: tuple[str, ...]) -> Mapping[str, Mapping[str, str]]:
     """By each convention that the names follow, the names that are of it, see `_find`; each name is of one only."""
     sorted_names: dict[str, dict[str, str]] = {}
     left = list(names)
