@@ -71,7 +71,7 @@ OPENING = 0.15
 STRETCH = 3.0
 
 
-class _Slit(NamedTuple):
+class Slit(NamedTuple):
     """Pairs of vertices (p,) that meet when a slit is closed."""
 
     upper: Integers
@@ -79,7 +79,7 @@ class _Slit(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class _Skin:
+class FaceSkin:
     """The skin of a head with n vertices, and the head's directions as unit vectors."""
 
     vertices: Floats  # (n, 3)
@@ -91,14 +91,14 @@ class _Skin:
     eyes: Floats  # (3,) the place between the eyes
     size: float  # the distance between the eyes
 
-    def find_slit(self, closed: Floats, opened: Floats) -> _Slit:
+    def find_slit(self, closed: Floats, opened: Floats) -> Slit:
         """The vertices that touch in one shape (n, 3) of the skin, and are apart in another one."""
         visible = np.flatnonzero(self.visible)
         pairs = visible[cKDTree(closed[visible]).query_pairs(TOUCHING * self.size, output_type="ndarray")]
         near, far = (row_norms(shape[pairs[:, 0]] - shape[pairs[:, 1]]) for shape in (closed, opened))
         pairs = pairs[are_parted(near, far, float((far - near).max(initial=0)))]
         above = np.einsum("px,x->p", opened[pairs[:, 0]] - opened[pairs[:, 1]], self.up) > 0
-        return _Slit(*np.where(above[:, None], pairs, pairs[:, ::-1]).T)
+        return Slit(*np.where(above[:, None], pairs, pairs[:, ::-1]).T)
 
     @cached_property
     def visible(self) -> Booleans:
@@ -112,7 +112,7 @@ class _Skin:
         visible[facing] = depth[facing] > front - THICKNESS * self.size
         return visible
 
-    def find_corner(self, slit: _Slit, side: Floats) -> int:
+    def find_corner(self, slit: Slit, side: Floats) -> int:
         """The vertex halfway around the end of a slit that is farthest in a direction (3,)."""
         last = int(np.argmax((self.vertices[slit.upper] + self.vertices[slit.lower]) @ side))
         distances = dijkstra(self.graph, indices=[slit.upper[last], slit.lower[last]])
@@ -149,18 +149,8 @@ def propose_face_landmarks(surface: Surface, keys: Attribute) -> dict[str, int]:
         Traceback (most recent call last):
         zoomout_core.mesh.surface.MeshError: There is no shape key eyeBlinkLeft: add one, or place landmarks by hand.
     """
-    offsets = {use: find_offsets(keys, names) for use, names in KEYS.items()}
-    motion = sum(row_norms(each) for each in offsets.values()) * surface.vertex_areas
-    moving = int(np.argmax(np.bincount(np.maximum(surface.components, 0), motion)))
-    mesh, _ = surface.working.part(moving)
-    found = {use: on_working_mesh(mesh, each) / mesh.scale for use, each in offsets.items()}
-    skin = _skin_of(mesh, found)
+    skin, slits, own = find_slits(surface, keys)
     rest = skin.vertices
-    slits = {
-        BLINK_LEFT: skin.find_slit(rest + found[BLINK_LEFT], rest),
-        BLINK_RIGHT: skin.find_slit(rest + found[BLINK_RIGHT], rest),
-        OPEN_MOUTH: skin.find_slit(rest, rest + found[OPEN_MOUTH]),
-    }
     for use, slit in slits.items():
         if not len(slit.upper):
             raise MeshError(NOTHING_OPENS[use])
@@ -175,8 +165,30 @@ def propose_face_landmarks(surface: Surface, keys: Attribute) -> dict[str, int]:
         skin.find_corner(right, skin.left),
         *_extremes(skin, rest[np.concatenate(mouth)].mean(axis=0)),
     )
-    own = on_working_mesh(mesh, np.arange(len(surface.vertices)))
     return dict(zip(FACE_LANDMARKS, own[list(vertices)].tolist(), strict=True))
+
+
+def find_slits(surface: Surface, keys: Attribute) -> tuple[FaceSkin, dict[str, Slit], Integers]:
+    """The skin of a head, the slits that `KEYS` open or close, and (n,) the surface's vertices of the skin.
+
+    A slit is empty if an expression does not open or close anything.
+
+    Raises:
+        MeshError: the keys lack an expression.
+    """
+    offsets = {use: find_offsets(keys, names) for use, names in KEYS.items()}
+    motion = sum(row_norms(each) for each in offsets.values()) * surface.vertex_areas
+    moving = int(np.argmax(np.bincount(np.maximum(surface.components, 0), motion)))
+    mesh, _ = surface.working.part(moving)
+    found = {use: on_working_mesh(mesh, each) / mesh.scale for use, each in offsets.items()}
+    skin = _skin_of(mesh, found)
+    rest = skin.vertices
+    slits = {
+        BLINK_LEFT: skin.find_slit(rest + found[BLINK_LEFT], rest),
+        BLINK_RIGHT: skin.find_slit(rest + found[BLINK_RIGHT], rest),
+        OPEN_MOUTH: skin.find_slit(rest, rest + found[OPEN_MOUTH]),
+    }
+    return skin, slits, on_working_mesh(mesh, np.arange(len(surface.vertices)))
 
 
 def are_parted(near: Floats, far: Floats, most: float) -> Booleans:
@@ -197,16 +209,24 @@ def find_expressions(keys: Attribute) -> list[Floats] | None:
 
 def find_offsets(keys: Attribute, names: Sequence[tuple[str, str]]) -> Floats:
     """(n, 3) what the first key among some, each a convention and a name, adds to the vertices."""
+    parts = find_keys(keys, names)
+    if not parts:
+        raise MeshError("There is no shape key {name}: add one, or place landmarks by hand.", name=names[0][1])
     offsets = np.asarray(keys.values, dtype=np.float64)
+    return np.asarray(offsets[:, [keys.labels.index(part) for part in parts]].sum(axis=1))
+
+
+def find_keys(keys: Attribute, names: Sequence[tuple[str, str]]) -> tuple[str, ...]:
+    """The keys whose sum is the first one among some, each a convention and a name; none if all are missing."""
     for convention, name in names:
         translated = translate_key_names(keys.labels, convention)
         parts = tuple(old for old, new in translated.renamed.items() if new == name) or translated.composed.get(name)
         if parts:
-            return np.asarray(offsets[:, [keys.labels.index(part) for part in parts]].sum(axis=1))
-    raise MeshError("There is no shape key {name}: add one, or place landmarks by hand.", name=names[0][1])
+            return tuple(parts)
+    return ()
 
 
-def _skin_of(mesh: WorkingMesh, offsets: Mapping[str, Floats]) -> _Skin:
+def _skin_of(mesh: WorkingMesh, offsets: Mapping[str, Floats]) -> FaceSkin:
     """The skin, with the head's directions by the places that keys (n, 3) move."""
     vertices = mesh.vertices
     areas = vertex_areas(vertices, mesh.triangles)
@@ -219,10 +239,10 @@ def _skin_of(mesh: WorkingMesh, offsets: Mapping[str, Floats]) -> _Skin:
     head = HeadDirections.of(one, other, mouth)
     graph = edge_graph(vertices, mesh.triangles)
     eyes = (one + other) / 2
-    return _Skin(vertices, mesh.vertex_normals, graph, head.left, head.up, head.forward, eyes, head.size)
+    return FaceSkin(vertices, mesh.vertex_normals, graph, head.left, head.up, head.forward, eyes, head.size)
 
 
-def _lips(skin: _Skin, mouth: _Slit) -> tuple[int, int]:
+def _lips(skin: FaceSkin, mouth: Slit) -> tuple[int, int]:
     """The foremost vertices of the upper and of the lower lip, in the middle."""
     height, beside = skin.vertices @ skin.up, np.abs((skin.vertices - skin.eyes) @ skin.left)
     chosen = []
@@ -235,7 +255,7 @@ def _lips(skin: _Skin, mouth: _Slit) -> tuple[int, int]:
     return chosen[0], chosen[1]
 
 
-def _extremes(skin: _Skin, mouth: Floats) -> tuple[int, int, int, int]:
+def _extremes(skin: FaceSkin, mouth: Floats) -> tuple[int, int, int, int]:
     """Nose, chin and ears, by the place of the mouth."""
     middle = np.abs((skin.vertices - skin.eyes) @ skin.left) < BESIDE * skin.size
     height = skin.vertices @ skin.up

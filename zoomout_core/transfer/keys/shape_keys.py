@@ -33,6 +33,7 @@ from zoomout_core.transfer.frames import (
     turn_gradients,
     without_sums,
 )
+from zoomout_core.transfer.keys.closed_lids import close_lids
 from zoomout_core.transfer.keys.face_landmarks import find_expressions
 from zoomout_core.transfer.keys.face_registration import register_face
 from zoomout_core.transfer.keys.joined_lips import has_joined_lips
@@ -96,11 +97,14 @@ def carry_offsets(attribute: Attribute, mapped: MappedTarget) -> Attribute:
         carried[:, some] = carrier.carry(offsets[:, some].astype(np.float64) / growth)
 
     for_each(carry, range(0, offsets.shape[1], KEYS_AT_ONCE))
+    open_blinks = () if expressions is None else close_lids(carried, attribute, frames)
     move_rigid_parts(carried, offsets, frames, other_person)
     filled = int((carried.any(axis=(1, 2)) & doubtful).sum())
     notes = attribute.notes
     if filled:
         notes += (message("Shape keys were smoothed at {count:,} doubtful vertices.", count=filled),)
+    if open_blinks:
+        notes += (message("Eyelids close less than on the source: {keys}.", keys=", ".join(open_blinks)),)
     if has_joined_lips(attribute, mapped):
         notes += (warning(JOINED_LIPS),)
     return replace(attribute, values=carried, notes=notes)
