@@ -139,7 +139,8 @@ class DeformationGraph:
         pooled = sums + segment_sum(bond * sums[second], first, len(self.rotations))
         moments = pooled.reshape(-1, 2, 3, 3)
         spread = np.trace(moments[:, 1], axis1=1, axis2=2)
-        rigid = (RIGIDITY / 3 * spread)[:, None, None] * np.eye(3)
+        # A node without neighbours does not stretch.
+        rigid = np.where(spread > 0, RIGIDITY / 3 * spread, 1.0)[:, None, None] * np.eye(3)
         linear = (moments[:, 0] + rigid) @ np.linalg.inv(moments[:, 1] + rigid)
         self.stretch = (linear + linear.transpose(0, 2, 1)) / 2
 
