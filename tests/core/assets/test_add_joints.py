@@ -145,3 +145,14 @@ def test_a_part_receives_joints_only_beside_joints_of_its_own(tmp_path: Path) ->
     for bare, given in ((replace(target, skin=None), source), (target, replace(source, skin=None))):
         with pytest.raises(MeshError, match=r"no weights|no joints to move|need a rigged source, and a rigged glTF"):
             transfer_asset(given, bare, onto_itself(source), [WEIGHTS], move_rig=True, mask=mask)
+
+
+@pytest.mark.parametrize("damaged", ["source", "target", "source without a part"])
+def test_joints_that_are_scaled_to_nothing_are_named(damaged: str, tmp_path: Path) -> None:
+    source, target = read_source(tmp_path / "source.glb"), read_target(tmp_path / "target.glb")
+    skin = target.skin if damaged == "target" else source.skin
+    assert skin is not None
+    skin.inverse_bind[1] = np.diag([1, 0, 1, 1])
+    mask = None if "without" in damaged else mask_of_parts(target, ["Upper"])
+    with pytest.raises(MeshError, match="The joint Upper is scaled to nothing"):
+        transfer_asset(source, target, onto_itself(source), [WEIGHTS], move_rig=True, mask=mask)
