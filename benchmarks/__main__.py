@@ -375,7 +375,7 @@ def load(json_file: Path | None) -> None:
 )
 @click.option("--json", "json_file", type=click.Path(dir_okay=False, path_type=Path), help="Write it here too.")
 def window(data: Path, tables: tuple[str, ...], json_file: Path | None) -> None:
-    """How long each operator blocks Blender's window, how soon ESC ends it, and the cost of undo."""
+    """The time for which each operator blocks Blender's window, the delay of ESC, and the cost of undo."""
     from benchmarks import window as window_tables  # it starts Blender
 
     report(window_tables.run(data, tables or window_tables.TABLES), data, json_file)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Collections: how many maps between neighbours are right alone, and after they were made cycle-consistent.
+"""Collections: the number of right maps between neighbours before and after they are made cycle-consistent.
 
-Every class of a set is a collection, and all classes of each set that is far from isometric together are one more.
-Each is also tried with a wrong first candidate in some of its pairs.
+Each class of a set is a collection. All classes together are another one for each set that is far from isometric. Each
+collection is also tested with a wrong first candidate in some of its pairs.
 """
 
 from __future__ import annotations

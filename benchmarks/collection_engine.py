@@ -33,7 +33,7 @@ def run(data: Path, most: int | None, planned: int = PLANNED) -> Tables:
 
     Args:
         data: the benchmark data.
-        most: how many shapes; 25 if not given.
+        most: number of shapes; 25 if omitted.
         planned: shapes of the plan.
     """
     files = evenly(sorted((data / "faust_r").glob("*.off")), most or 25)

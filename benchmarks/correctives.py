@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Pose-driven shape keys on other bodies, as Blender displays them, beside the truth: the set `clothes`.
+"""Pose-driven shape keys on other bodies, as Blender displays them, compared with the truth: the set `clothes`.
 
-Each key corrects linear blend skinning where one joint bends: with it, the source looks as dual quaternions pose it
-(Kavan et al. 2008). The same formula with the true weights and joints of the target is the truth there.
+Each key corrects linear blend skinning at a joint that bends, so that the source has the shape of dual quaternion
+skinning (Kavan et al. 2008). The same formula with the true weights and joints of the target is the truth.
 """
 
 from __future__ import annotations
@@ -26,12 +26,13 @@ from blender_addon.scene.pair import read_pair
 from blender_addon.storage import stored_match
 from zoomout_core.arrays import Floats
 from zoomout_core.geometry.procrustes import Similarities
+from zoomout_core.mesh.affine_maps import transform_points
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.transfer import Attribute, Domain, Kind
 from zoomout_core.transfer.rigging.poses import pose_of_turns
-from zoomout_core.transfer.rigging.skinning import skinning_matrices, transform_points
+from zoomout_core.transfer.rigging.skinning import skinning_matrices
 
-# The corrected joints: the bone that turns, the direction that it turns to (up, forwards or back), and degrees.
+# The corrected joints: the bone that rotates, the direction of its rotation (up, forwards or back), and degrees.
 JOINTS = {
     "elbow": ("lowerarm01.L", (0, 0, 1), 100.0),
     "shoulder": ("upperarm01.L", (0, 1, 0), 60.0),
@@ -60,7 +61,7 @@ class _Case:
     """A target in the scene, and its true body.
 
     Attributes:
-        way: how it gets its rig.
+        way: the way to get its rig.
         target: the object.
         body: its body at rest, with its true weights and bones.
     """

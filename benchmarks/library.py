@@ -23,14 +23,14 @@ from zoomout_core.assets.files import read_asset
 from zoomout_core.library.library import Library
 from zoomout_core.library.search import LibraryAsset, search
 from zoomout_core.matching.report.verdict import VERDICT
+from zoomout_core.mesh.affine_maps import blend_matrices, transform_points
 from zoomout_core.mesh.formats.files import write_shape
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.outfits.parts import keep_faces, mask_of
 from zoomout_core.transfer.rigging.poses import POSES, extreme_poses
-from zoomout_core.transfer.rigging.skinning import blend_matrices, transform_points
 from zoomout_core.tuning import retune
 
-# The families of characters, by pack or by file; others are families of their own.
+# The families of characters, by pack or by file; each other character is a separate family.
 PEOPLE, ANIMALS, DINOSAURS, ROBOTS, THING = "people", "animals", "dinosaurs", "robots", "things"
 FAMILIES = {
     "modular_men": PEOPLE,
@@ -50,15 +50,15 @@ TUNING_PACKS = ("animals_pack", "easy_enemies_pack", "modular_men")
 # left out; a thing, and a character among others than its family, both of which are to be refused; a character with
 # the head of another one of its pack.
 POSED, SKIN, BUILD, STRANGER, TWO = "posed", "one skin", "other build", "stranger", "two sources"
-# Packs of characters that can exchange heads, which are meshes of their own, and by how many files these move on.
+# Packs of characters that can exchange heads, which are separate meshes, and the number of files between the two.
 MODULAR, HEADS, STEP = ("modular_men", "modular_women"), ("*_Head",), 3
-# Degrees by which the joints of these characters turn.
+# Degrees by which the joints of these characters rotate.
 BEND = 15.0
 
 
 @dataclass(frozen=True, eq=False)
 class Query:
-    """A target, with the name of its own asset and that of its head, and which assets it is searched among."""
+    """A target with the names of its own asset and of that of its head, and the assets to search."""
 
     kind: str
     name: str

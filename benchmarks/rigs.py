@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Rigs moved to bodies of other builds, whose joints are known: the set `clothes`."""
+"""Rigs that are moved to bodies of other builds with known joints: the set `clothes`."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from benchmarks.tables import NOT_SHOWN, Record, Tables, over
 from zoomout_core.arrays import Floats
 from zoomout_core.geometry.procrustes import procrustes
 from zoomout_core.library.search import misfit_of
+from zoomout_core.mesh.affine_maps import blend_matrices, transform_points
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 from zoomout_core.transfer.rigging.rig import joints_of_bones, place_joints
-from zoomout_core.transfer.rigging.skinning import blend_matrices, transform_points
 
 # Builds on which the numbers of `RigTuning` were set; the others judge them.
 TUNED_ON = ("woman", "man", "child", "muscular_man", "slim_woman")

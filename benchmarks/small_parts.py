@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Hands, feet, heads and tails, cut off a body and matched to another whole body in the same unit."""
+"""Match hands, feet, heads and tails that are cut off a body to another whole body in the same unit."""
 
 from __future__ import annotations
 

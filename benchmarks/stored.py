@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Records of pairs that take long, kept in files so that a run can be interrupted and resumed.
+"""Records of pairs that take long, stored in files so that a run can be interrupted and resumed.
 
 A file has one line of JSON for each entry, appended as soon as it is computed.
 """

@@ -38,7 +38,7 @@ SHIPPED = (
     "*.py",
     "adapters/*.py",
     "cli/*.py",
-    "mesh_data/*.py",
+    "mesh_data/**/*.py",
     "operators/**/*.py",
     "presets/**/*.py",
     "properties/*.py",

@@ -18,7 +18,7 @@ from benchmarks.binding.methods import WAYS, match_bare
 from benchmarks.binding.pictures import draw
 from zoomout_core.arrays import Floats
 from zoomout_core.geometry.closest_points import SurfaceSearch
-from zoomout_core.transfer.rigging.skinning import transform_points
+from zoomout_core.mesh.affine_maps import transform_points
 
 # The method with true weights and the true rest pose, which the others are compared with.
 TRUE = "true weights"

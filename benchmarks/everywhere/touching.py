@@ -12,8 +12,8 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.mesh.affine_maps import blend_matrices, transform_points
 from zoomout_core.transfer.rigging.poses import pose_of_turns
-from zoomout_core.transfer.rigging.skinning import blend_matrices, transform_points
 
 Bodies: TypeAlias = Any  # the class of `clothes.py`, which comes with the data
 # Distance at which two limbs count as touching, in centimetres, and the number of steps in which a pose approaches it.

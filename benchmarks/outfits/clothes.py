@@ -11,9 +11,9 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from zoomout_core.arrays import Floats, Integers
+from zoomout_core.mesh.affine_maps import blend_matrices, transform_points
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.transfer.rigging.poses import pose_of_turns
-from zoomout_core.transfer.rigging.skinning import blend_matrices, transform_points
 
 Arrays = dict[str, np.ndarray]
 # The bodies that garments are made for, and the prefix of a man's.

@@ -17,6 +17,7 @@ from benchmarks.outfits.cases import Case
 from zoomout_core.arrays import Floats
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.geometry.procrustes import procrustes
+from zoomout_core.mesh.affine_maps import normalise
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import unit_vectors
 from zoomout_core.transfer import (
@@ -30,7 +31,6 @@ from zoomout_core.transfer import (
     follow_weights,
 )
 from zoomout_core.transfer.rigging.poses import gentle_poses
-from zoomout_core.transfer.rigging.skinning import normalise
 
 # The axis that points up.
 UP = 1

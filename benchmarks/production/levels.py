@@ -27,8 +27,8 @@ from zoomout_core.assets.level import joint_poses
 from zoomout_core.assets.lods import make_lods
 from zoomout_core.geometry.closest_points import SurfaceSearch
 from zoomout_core.maps.surface_map import interpolation_matrix
+from zoomout_core.mesh.affine_maps import blend_matrices, transform_points
 from zoomout_core.transfer.rigging.poses import pose_of_turns
-from zoomout_core.transfer.rigging.skinning import blend_matrices, transform_points
 
 Row = dict[str, Any]
 

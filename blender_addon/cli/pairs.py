@@ -21,6 +21,7 @@ from ..services.binding.write import hide_sources
 from ..services.dressing.dress import prepare_dress
 from ..services.dressing.read import Dressing
 from ..services.matching.collection_match import check_verdicts, match_collections_async
+from ..services.matching.made_match import MatchUse
 from ..services.matching.match import prepare_match
 from ..services.targets import Write, each_target
 from ..services.transfer import prepare_transfer
@@ -63,10 +64,11 @@ def transfer(context: Context, options: argparse.Namespace) -> dict[str, Any]:
         source_of = {name: source for name, (source, _) in matches.items()}
         matching: dict[str, Any] = {}
     else:
-        source_of, matching = dict.fromkeys(options.targets, options.source), _made_match_options(options)
+        source_of, matching = dict.fromkeys(options.targets, options.source), _match_options(options)
+    use = _match_use(options)
 
     def work(target: str) -> Work[Write[dict[str, Any]]]:
-        return prepare_transfer(context, source_of[target], target, options.data, settings, binding, **matching)
+        return prepare_transfer(context, source_of[target], target, options.data, settings, binding, use, **matching)
 
     reports = _reports(source_of, work, lambda _, report: dict(report))
     if options.hide_source:
@@ -84,7 +86,8 @@ def wrap(context: Context, options: argparse.Namespace) -> dict[str, Any]:
     check_one_target(wrapping, options.targets)
 
     def work(target: str) -> Work[Write[dict[str, Any]]]:
-        return prepare_wrap(context, options.source, target, wrapping, **_made_match_options(options))
+        use = _match_use(options)
+        return prepare_wrap(context, options.source, target, wrapping, use, **_match_options(options))
 
     return _reports(dict.fromkeys(options.targets, options.source), work, lambda _, report: dict(report))
 
@@ -100,7 +103,8 @@ def dress(context: Context, options: argparse.Namespace) -> dict[str, Any]:
     names = [*options.things, *of_collection]
 
     def work(target: str) -> Work[Write[dict[str, Any]]]:
-        return prepare_dress(context, options.source, target, names, dressing, **_made_match_options(options))
+        use = _match_use(options)
+        return prepare_dress(context, options.source, target, names, dressing, use, **_match_options(options))
 
     return _reports(dict.fromkeys(options.targets, options.source), work, lambda _, report: dict(report))
 
@@ -110,9 +114,9 @@ def _match_options(options: argparse.Namespace) -> dict[str, Any]:
     return MatchOptions.match_options(as_in_sidebar(options, MatchOptions))
 
 
-def _made_match_options(options: argparse.Namespace) -> dict[str, Any]:
-    """Arguments of functions that make a match, and stop if it is probably wrong."""
-    return {**_match_options(options), "force": options.force, "remedy": GIVE_FORCE}
+def _match_use(options: argparse.Namespace) -> MatchUse:
+    """How to use a match: whether to refuse one that is probably wrong."""
+    return MatchUse(force=options.force, remedy=GIVE_FORCE)
 
 
 def _match_collections(

@@ -13,7 +13,7 @@ from contextlib import contextmanager
 import bpy
 from bpy.types import ID, Key, Object
 
-from .armatures import Place, copy_modifier
+from .rigs.armatures import Place, copy_modifier
 
 # Kinds of data-blocks that writing adds to the file, users before the data-blocks that they use.
 ADDED_TO = ("objects", "meshes", "hair_curves", "collections", "actions", "materials", "node_groups", "images")

@@ -15,6 +15,7 @@ from ..properties.settings import SourceName, take_settings
 from ..properties.transfer import BLENDING, NAMING, BindOptions, BindView, BlendOptions
 from ..scene.selection import sources_of_targets
 from ..services.binding.write import hide_sources
+from ..services.matching.made_match import MatchUse
 from ..services.targets import Write, each_target
 from ..services.transfer import done, prepare_transfer
 from ..viewport import preview
@@ -56,6 +57,9 @@ async def bind_targets(operator: Any, context: Context, binding: Binding) -> lis
     source_of = sources_of_targets(context, operator.source)
     settings, options = operator.settings(), operator.match_options()
 
+    undo_step = operator.adds_undo_steps and len(source_of) == 1
+    use = MatchUse(operator.options.is_repeat, remedy=operator.remedy, undo_step=undo_step)
+
     def work(target: str) -> Work[Write[dict[str, Any]]]:
         return prepare_transfer(
             context,
@@ -64,9 +68,7 @@ async def bind_targets(operator: Any, context: Context, binding: Binding) -> lis
             (),
             settings,
             binding,
-            operator.options.is_repeat,
-            remedy=operator.remedy,
-            undo_step=operator.adds_undo_steps and len(source_of) == 1,
+            use,
             **options,
         )
 

@@ -17,6 +17,7 @@ from ..properties.settings import SourceName, take_settings
 from ..scene.selection import select_only, source_of_worn, worn_names
 from ..services.dressing.dress import prepare_dress, summary
 from ..services.dressing.read import Dressing
+from ..services.matching.made_match import MatchUse
 from ..services.targets import WRITING
 from ..viewport import preview
 from .base.modal_operator import ModalOperator
@@ -52,8 +53,8 @@ class ZOOMOUT_OT_dress(SourceName, MatchOptions, DressOptions, ModalOperator):
             raise zo.MeshError("The active mesh is the source: make the mesh to dress active.")
         names = worn_names(context, source, target.name, self.collection)
         dressing = Dressing(**self.dress_options())
-        options = {"remedy": self.remedy, **self.match_options()}
-        write = await prepare_dress(context, source, target.name, names, dressing, self.options.is_repeat, **options)
+        use, options = MatchUse(self.options.is_repeat, remedy=self.remedy), self.match_options()
+        write = await prepare_dress(context, source, target.name, names, dressing, use, **options)
         with stage(WRITING, 1):
             await pause()
         report = write()

@@ -13,6 +13,7 @@ from ..properties.settings import SourceName, take_settings
 from ..properties.transfer import BindOptions, BlendOptions
 from ..scene.selection import choose_source
 from ..services.binding.part import add_bones_async
+from ..services.matching.made_match import MatchUse
 from ..services.transfer import done
 from ..viewport import preview
 from .base.modal_operator import ModalOperator
@@ -48,9 +49,7 @@ class ZOOMOUT_OT_move_rig(SourceName, MatchOptions, BlendOptions, BindOptions, M
             choose_source(context, target, self.source).name,
             target.name,
             self.mask_group,
-            self.options.is_repeat,
-            remedy=self.remedy,
-            undo_step=self.adds_undo_steps,
+            MatchUse(self.options.is_repeat, remedy=self.remedy, undo_step=self.adds_undo_steps),
             **self.match_options(),
         )
         preview.clear()  # it would hide the result

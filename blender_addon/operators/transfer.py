@@ -15,6 +15,7 @@ from ..properties.settings import OwnSources, SourceName, take_settings
 from ..properties.transfer import BLENDING, NAMING, BindChoice, BindOptions, BindView, BlendOptions, TransferOptions
 from ..scene.selection import chosen_targets, sources_of_targets
 from ..services.binding.write import hide_sources
+from ..services.matching.made_match import MatchUse
 from ..services.targets import Write, each_target
 from ..services.transfer import done, prepare_transfer
 from ..storage import stored_match
@@ -59,6 +60,9 @@ class ZOOMOUT_OT_transfer(
         data, settings, options = self.data(), self.settings(), self.match_options()
         binding = self.how_to_bind() if self.bind else None
 
+        undo_step = self.adds_undo_steps and len(source_of) == 1
+        use = MatchUse(self.options.is_repeat, remedy=self.remedy, undo_step=undo_step)
+
         def work(target: str) -> Work[Write[dict[str, Any]]]:
             return prepare_transfer(
                 context,
@@ -67,9 +71,7 @@ class ZOOMOUT_OT_transfer(
                 data,
                 settings,
                 binding,
-                self.options.is_repeat,
-                remedy=self.remedy,
-                undo_step=self.adds_undo_steps and len(source_of) == 1,
+                use,
                 **options,
             )
 

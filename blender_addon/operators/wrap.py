@@ -12,6 +12,7 @@ from ..properties.match import MatchOptions
 from ..properties.settings import SourceName, take_settings
 from ..properties.wrap import WrapOptions
 from ..scene.selection import sources_of_targets
+from ..services.matching.made_match import MatchUse
 from ..services.targets import Write, each_target
 from ..services.wrap import Wrapping, check_one_target, prepare_wrap, summary
 from ..viewport import preview
@@ -38,10 +39,10 @@ class ZOOMOUT_OT_wrap(SourceName, MatchOptions, WrapOptions, ModalOperator):
         source_of = sources_of_targets(context, self.source)
         wrapping, options = Wrapping(**self.wrap_options()), self.match_options()
         check_one_target(wrapping, source_of)
+        use = MatchUse(self.options.is_repeat, remedy=self.remedy)
 
         def work(target: str) -> Work[Write[dict[str, Any]]]:
-            repeated = self.options.is_repeat
-            return prepare_wrap(context, source_of[target], target, wrapping, repeated, remedy=self.remedy, **options)
+            return prepare_wrap(context, source_of[target], target, wrapping, use, **options)
 
         outcome = await each_target(list(source_of), work)
         preview.clear()  # it would hide the result

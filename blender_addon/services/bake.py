@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import bpy
@@ -118,10 +119,13 @@ async def prepare_bake(context: Context, target_name: str, baking: Baking) -> Wr
 
     def write() -> dict[str, Any]:
         _, target = check_not_edited(context, pair)
-        with mesh_data.all_or_nothing(target) as writing:
+        beside = None if folder is None else folder.parent
+        with mesh_data.all_or_nothing(target) as writing, TemporaryDirectory(dir=beside) as place:
             writing.replace(*_find_baked(target))
-            made = _write_images(target, images, folder)
+            made = _write_images(target, images, None if folder is None else Path(place))
             materials = _write_materials(target, textures, face_slots, made)
+            if folder is not None:
+                mesh_data.move_images(made.values(), folder)
         return {
             "source": pair.source_name,
             "target": target_name,
@@ -145,7 +149,7 @@ def summary(report: Mapping[str, Any]) -> str:
 
 
 def _folder() -> Path:
-    """The folder for saved images.
+    """The folder for saved images, which need not exist yet.
 
     Raises:
         MeshError: the .blend file has no place yet, or the folder cannot be made.
@@ -154,11 +158,12 @@ def _folder() -> Path:
         raise zo.MeshError("Save the .blend file first: the images are saved beside it.")
     folder = Path(bpy.data.filepath).parent / "textures"
     try:
-        folder.mkdir(exist_ok=True)
+        with TemporaryDirectory(dir=folder.parent):
+            is_free = folder.is_dir() or not folder.exists()
     except OSError as error:
-        raise zo.MeshError(
-            "The folder {folder} cannot be made: pack the images instead.", folder=str(folder)
-        ) from error
+        raise mesh_data.folder_error(folder) from error
+    if not is_free:
+        raise mesh_data.folder_error(folder)
     return folder
 
 

@@ -131,7 +131,7 @@ def carry(
 async def _prepare(
     context: Context, source: str, target: str, data: Collection[str], settings: Settings, binding: Binding | None
 ) -> Write[dict[str, Any]]:
-    """Prepare a transfer that binds the target if possible, else notes why not."""
+    """Prepare a transfer that binds the target if possible; otherwise a note gives the reason."""
     unbound: str = ""
     if binding is not None:
         try:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Remove stored data of matches, transfers, links and symmetries from meshes and scenes, and nothing else."""
+"""Remove only the stored data of matches, transfers, links and symmetries from meshes and scenes."""
 
 from __future__ import annotations
 

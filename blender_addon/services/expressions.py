@@ -37,7 +37,7 @@ class _Parts:
 
     Attributes:
         surface: their meshes, in world space.
-        keys: by name, what each key adds at full strength, (n, 3) in world space.
+        keys: by name, the offsets (n, 3) of each key at full strength, in world space.
         vertices: the numbers of the vertices of each object, by its name.
         triangles: the number of triangles of each object.
     """
@@ -61,7 +61,7 @@ class Review:
         sheet: picture of all keys, (height, width, 3), rows from top to bottom.
         stretched: by target and key, the number of vertices at edges that stretch much more than on the source; only
             where there are some.
-        intersecting: likewise, the number of vertices of faces that intersect others, see `Intersections`.
+        intersecting: by name, the number of vertices of faces that intersect others, see `Intersections`.
     """
 
     sheet: Bytes
@@ -116,7 +116,7 @@ def _read_intersections(source: _Parts, target: _Parts, matches: Mapping[str, tu
     images = np.full((len(target.surface.vertices), 3), -1)
     for name, (first, match) in matches.items():
         names, corners = _sources_of(first, match), match.surface_map.source_triangles
-        if sum(source.triangles[each] for each in names) == len(corners):  # else modifiers change their faces
+        if sum(source.triangles[each] for each in names) == len(corners):  # otherwise modifiers change their faces
             numbers = np.concatenate([source.vertices[each] for each in names])
             images[target.vertices[name]] = numbers[corners[match.surface_map.triangle]]
     return Intersections(source.surface, target.surface, images, mesh_data.intersecting_triangles)
@@ -129,7 +129,7 @@ class Faults:
     Attributes:
         sources: names of the objects that it was matched with; none if it has no match.
         stretched: by key, the vertices (n_t,) at edges that stretch much more than on the source.
-        keys: by key that both have, what it adds to the sources (n_s, 3) and to the object (n_t, 3).
+        keys: by key that both have, its offsets on the sources (n_s, 3) and on the object (n_t, 3).
         intersections: finds faces that intersect others; None without a match.
         content: hash of the object's mesh, see `mesh_data.content_hash`.
     """

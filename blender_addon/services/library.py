@@ -62,7 +62,7 @@ def asset_libraries(context: Context) -> list[str]:
 
 
 def find_source(context: Context, target: Object, folders: Sequence[str]) -> Search:
-    """Prepare libraries as far as they are not, and find the files in them that fit a target.
+    """Prepare libraries where necessary, and find the files in them that fit a target.
 
     Args:
         context: Blender's; the target is in its scene.
@@ -166,7 +166,7 @@ def append_source(context: Context, path: str | Path, joints: Sequence[str] = ()
         meshes = [obj for obj in append_file(context, path) if obj.type == "MESH" and obj.data.polygons]
         if not meshes:
             raise zo.MeshError(message("{name} has no mesh: choose another file.", name=Path(path).name))
-    # Importers select what they append, and the next match would take it for targets.
+    # Importers select the appended objects, which the next match would treat as targets.
     for obj in context.view_layer.objects:
         obj.select_set(obj in selected)
     source = max(meshes, key=mesh_data.area_in_world)
@@ -178,7 +178,7 @@ def append_source(context: Context, path: str | Path, joints: Sequence[str] = ()
 
 
 def _sum_of_groups(obj: Object | None, names: Sequence[str]) -> Attribute:
-    """The sum of some vertex groups as a group of its own, which is named after the first.
+    """The sum of some vertex groups as a new group, which is named after the first.
 
     Raises:
         MeshError: there is no object, or it has none of them.

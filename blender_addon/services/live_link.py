@@ -2,7 +2,7 @@
 """Keep a target linked to its source: a modifier lets its layers follow edits of the source's, and the rest is updated.
 
 A transfer writes everything first. Layers whose values are mixtures of the source's then follow through Geometry Nodes;
-shape keys, materials, marks, normals and whatever else was chosen follow at the next update.
+shape keys, materials, marks, normals and all other chosen data follow at the next update.
 """
 
 from __future__ import annotations

@@ -14,12 +14,12 @@ from scipy.sparse import csr_array, vstack
 import zoomout_core as zo
 from zoomout_core.arrays import Floats
 from zoomout_core.maps.known_match import KnownMatch
+from zoomout_core.mesh.affine_maps import normalise
 from zoomout_core.mesh.formats.blender_files import BLEND
 from zoomout_core.messages import warning
 from zoomout_core.outfits.batch import DressedFile
 from zoomout_core.outfits.check import RiggedSurface, check_rigged
 from zoomout_core.outfits.parts import are_of_body
-from zoomout_core.transfer.rigging.skinning import normalise
 
 from .. import mesh_data
 from ..jobs import run
@@ -32,6 +32,7 @@ from .dressing.dress import prepare_dress
 from .dressing.read import Dressing
 from .matching.collection_match import prepare_parts
 from .matching.joined_match import Parts
+from .matching.made_match import MatchUse
 
 # Extensions of avatar files.
 ENDINGS = (BLEND, ".fbx", ".glb", ".gltf")
@@ -97,7 +98,7 @@ class BlenderFiles:
         wearer = find_mesh(self.context, target.largest)
         main = self._store_match(source, bodies, target, map_file)
         before = _count_bones(wearer)
-        report = run(prepare_dress(self.context, main, wearer.name, worn, self.dressing, force=True))()
+        report = run(prepare_dress(self.context, main, wearer.name, worn, self.dressing, MatchUse(force=True)))()
         joints = _count_bones(wearer) - before
         made = self._check(bodies, list(target.body), wearer, report["objects"])
         for name in target.body:  # their matches refer to objects of another file

@@ -49,7 +49,7 @@ from .binding.check import check_binding
 from .binding.write import hide_sources, is_at_source, keep_match, write_bound, write_posed_shape
 from .constraints import check_options
 from .dressing.dress import take_to_rest
-from .matching.made_match import CALL_WITH_FORCE, find_match, push_match, store_and_stop
+from .matching.made_match import BY_SCRIPT, MatchUse, find_match, push_match, store_and_stop
 from .targets import Write
 
 # Fraction of the progress for a new match.
@@ -169,10 +169,12 @@ async def transfer(
     data: Collection[str],
     settings: Settings = DEFAULT,
     binding: Binding | None = None,
+    force: bool = False,
     **match_options: Any,
 ) -> dict[str, Any]:
     """`transfer_objects` as a coroutine, which keeps no Blender data across an `await`."""
-    write = await prepare_transfer(context, source_name, target_name, data, settings, binding, **match_options)
+    use = MatchUse(force=force)
+    write = await prepare_transfer(context, source_name, target_name, data, settings, binding, use, **match_options)
     return write()
 
 
@@ -183,10 +185,7 @@ async def prepare_transfer(
     data: Collection[str],
     settings: Settings = DEFAULT,
     binding: Binding | None = None,
-    adjusted: bool = False,
-    force: bool = False,
-    remedy: str = CALL_WITH_FORCE,
-    undo_step: bool = False,
+    use: MatchUse = BY_SCRIPT,
     **match_options: Any,
 ) -> Write[dict[str, Any]]:
     """`transfer` without writing: returns a function that writes the data to the target.
@@ -200,10 +199,7 @@ async def prepare_transfer(
         data: the kinds of data.
         settings: how to transfer it.
         binding: how to bind the target to the source's rig; None not to bind it.
-        adjusted: whether this repeats the last transfer with other settings, and may reuse its undone match.
-        force: whether to transfer along a new match that is probably wrong.
-        remedy: a sentence for the refusal of such a match: how to use it anyway.
-        undo_step: whether to push a step with a new match, so that undoing the transfer keeps it.
+        use: how to use the match.
         match_options: options of `match_objects`.
     """
     check_options(match_options)
@@ -218,9 +214,9 @@ async def prepare_transfer(
     keys = next((one for one in bound_later if isinstance(one, ShapeKeyAdapter)), None)
     if binding is not None and weights is None:
         raise zo.MeshError("All bone vertex groups of '{target}' are locked: unlock them.", target=target_name)
-    found = await find_match(context, pair, MATCHING, adjusted, force, match_options)
+    found = await find_match(context, pair, MATCHING, use, match_options)
     if found.refused is not None:
-        return partial(store_and_stop, context, pair, found.refused, found.settings, remedy, undo_step)
+        return partial(store_and_stop, context, pair, found.refused, found.settings, use)
     if not found.is_new:
         remarks.notes.extend(_unused_settings(found.settings, match_options))
     job, bound = TransferJob(found.match, pair, remarks, settings, blend), None
@@ -236,7 +232,7 @@ async def prepare_transfer(
     def write() -> dict[str, Any]:
         with writing(context, pair) as (_, target):
             found.store(target.data, pair)
-            if found.is_new and undo_step:
+            if found.is_new and use.undo_step:
                 push_match()
             for one in adapters:
                 if one.kind not in AT_REST:

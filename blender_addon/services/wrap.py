@@ -28,7 +28,7 @@ from ..scene.stored_pair import stored_pair
 from ..storage import stored_match
 from .constraints import check_options
 from .matching import previews
-from .matching.made_match import CALL_WITH_FORCE, find_match, store_and_stop
+from .matching.made_match import BY_SCRIPT, MatchUse, find_match, store_and_stop
 from .targets import Write
 
 # Fractions of the progress for a new match, and for reversing a match.
@@ -82,7 +82,13 @@ class _Given:
 
 
 def wrap(
-    context: Context, source: Object, target: Object, wrapping: Wrapping | None = None, **match_options: Any
+    context: Context,
+    source: Object,
+    target: Object,
+    wrapping: Wrapping | None = None,
+    *,
+    force: bool = False,
+    **match_options: Any,
 ) -> dict[str, Any]:
     """Give the target's topology the source's shape, or vice versa, along their match or a new one.
 
@@ -91,8 +97,8 @@ def wrap(
         source: the source; it is read after its modifiers.
         target: the target; it is matched if necessary.
         wrapping: how to wrap; a shape key of the target with the source's shape, when not given.
-        match_options: options of `match_objects`, for a new match; with `force=True` it is used even if it is
-            probably wrong.
+        force: whether to use a new match even if it is probably wrong.
+        match_options: options of `match_objects`, for a new match.
 
     Returns:
         A report: `wrapped` is the name of the wrapped object, `shape` of the one whose shape it gets; `object` and
@@ -103,7 +109,8 @@ def wrap(
         MeshError: an object cannot be wrapped; nothing was written.
         TypeError: an option of the match is unknown.
     """
-    return run(prepare_wrap(context, source.name, target.name, wrapping or Wrapping(), **match_options))()
+    use = MatchUse(force=force)
+    return run(prepare_wrap(context, source.name, target.name, wrapping or Wrapping(), use, **match_options))()
 
 
 async def prepare_wrap(
@@ -111,9 +118,7 @@ async def prepare_wrap(
     source_name: str,
     target_name: str,
     wrapping: Wrapping,
-    adjusted: bool = False,
-    force: bool = False,
-    remedy: str = CALL_WITH_FORCE,
+    use: MatchUse = BY_SCRIPT,
     **match_options: Any,
 ) -> Write[dict[str, Any]]:
     """`wrap` as a coroutine that keeps no Blender data across an `await`; returns a function that writes.
@@ -123,17 +128,15 @@ async def prepare_wrap(
         source_name: name of the source.
         target_name: name of the target.
         wrapping: how to wrap.
-        adjusted: whether this repeats the last wrap with other settings, and may reuse its undone match.
-        force: whether to use a new match that is probably wrong; else only the match is stored.
-        remedy: a sentence for the refusal of such a match: how to use it anyway.
+        use: how to use the match.
         match_options: options of `match_objects`.
     """
     check_options(match_options)
     pair = await stored_pair(context, source_name, target_name)
     given = _prepare(context, pair, wrapping)
-    found = await find_match(context, pair, MATCHING, adjusted, force, match_options)
+    found = await find_match(context, pair, MATCHING, use, match_options)
     if found.refused is not None:
-        return partial(store_and_stop, context, pair, found.refused, found.settings, remedy)
+        return partial(store_and_stop, context, pair, found.refused, found.settings, use)
     with portion(found.done, 1):
         wrapped = await compute(partial(_wrap, found.match, pair, given, wrapping))
     notes = [*wrapped.notes, *(given.landmarks.notes if given.landmarks else ())]

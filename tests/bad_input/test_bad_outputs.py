@@ -28,7 +28,7 @@ def test_failed_write_keeps_the_existing_file(tmp_path: Path) -> None:
     assert contents(tmp_path) == {"a.txt": b"before"}
     kept = r"a\.txt could not be written \(.*\), and the existing file was kept"
     with pytest.raises(OutputError, match=kept), atomic_write(path):
-        pass  # as a library does that says nothing where it fails
+        pass  # like a library that fails silently
     assert contents(tmp_path) == {"a.txt": b"before"}
     new = r"b\.txt could not be written \([^)]*\): check disk space"
     with pytest.raises(OutputError, match=new), atomic_write(tmp_path / "b.txt"):

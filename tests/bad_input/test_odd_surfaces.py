@@ -20,7 +20,7 @@ def soup(count: int, seed: int) -> zo.Surface:
 
 
 def fan(count: int, seed: int) -> zo.Surface:
-    """Triangles around a point, half of them turned over."""
+    """Triangles around a point, half of them flipped."""
     angle = np.linspace(0, 2 * np.pi, count, endpoint=False)
     rim = np.column_stack([np.cos(angle), np.sin(angle), 0.1 * np.sin(5 * angle)])
     faces = np.array([[0, number + 1, (number + 1) % count + 1] for number in range(count)])

@@ -131,7 +131,7 @@ def test_scripts_in_a_blend_do_not_run(tmp_path: Path) -> None:
     assert (tmp_path / "made.ply").exists()
     assert not mark.exists()
     bpy.ops.wm.open_mainfile(filepath=str(blend), use_scripts=True)
-    assert mark.exists()  # else this test could not fail
+    assert mark.exists()  # otherwise this test could not fail
     bpy.ops.wm.read_factory_settings(use_empty=True)
 
 

@@ -66,7 +66,7 @@ def parts(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def wardrobe(tmp_path: Path) -> Path:
-    """A set `clothes`: egg-shaped bodies that differ in height, with two bones, and a shirt with a bone of its own."""
+    """A set `clothes`: egg-shaped bodies that differ in height, with two bones, and a shirt with its own bone."""
     body = ball(1.0, count=700, seed=1)
     builds = [body.vertices * [1, height, 1] * 20 for height in (1.5, 1.6, 1.2, 1.8)]
     upper = body.vertices[:, 1] > 0

@@ -10,9 +10,10 @@ from scipy.sparse import csr_array
 from benchmarks import correctives
 from benchmarks.outfits.clothes import Body, Bones, move
 from zoomout_core.geometry.procrustes import Similarities
+from zoomout_core.mesh.affine_maps import transform_points
 from zoomout_core.samples.spheres import ball
 from zoomout_core.transfer.rigging.poses import pose_of_turns
-from zoomout_core.transfer.rigging.skinning import skinning_matrices, transform_points
+from zoomout_core.transfer.rigging.skinning import skinning_matrices
 
 
 def test_corrected_body_equals_dual_quaternion_skinning(monkeypatch: pytest.MonkeyPatch) -> None:

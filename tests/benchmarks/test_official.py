@@ -163,7 +163,7 @@ def test_shapes_are_rotated_and_scaled_reproducibly() -> None:
     assert source.area == pytest.approx(STRIP.area)
     factor = np.sqrt(target.area / STRIP.area)
     assert factor != pytest.approx(1)
-    assert not np.allclose(factor * source.vertices, target.vertices)  # turned otherwise
+    assert not np.allclose(factor * source.vertices, target.vertices)  # rotated otherwise
     assert Setting().place(STRIP, STRIP, 7) == (STRIP, STRIP)
     factors = [np.sqrt(Setting(scale=True).place(STRIP, STRIP, seed)[1].area / STRIP.area) for seed in range(50)]
     assert 0.5 <= min(factors) < 0.6

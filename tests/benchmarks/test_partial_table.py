@@ -41,7 +41,7 @@ def test_each_kind_has_a_row_for_each_method(parts: Path, monkeypatch: pytest.Mo
     for kind in ("cuts", "holes"):
         # The time includes its start, and computations that both need.
         assert rows[kind, "ZoomOut after PFM"]["seconds"] > rows[kind, "PFM"]["seconds"] > 0
-    # Slow methods stand beside ZoomOut on the same pair.
+    # Slow methods are compared with ZoomOut on the same pair.
     errors = {record["pair"]: record["error"] for record in tables["pairs"] if record["method"] == "ZoomOut"}
     assert rows["cuts", "PFM"]["ZoomOut there"] == errors["cut_a_00"]
     assert rows["cuts", "ZoomOut"]["ZoomOut there"] == rows["cuts", "ZoomOut"]["mean"]

@@ -27,7 +27,7 @@ def head_source():
 
 
 def rigged_target(names=("Lower", "Head")):
-    """A longer tube with two bones of its own, and the true weights of the source's bones."""
+    """A longer tube with its own two bones, and the true weights of the source's bones."""
     still = tube(around=11, along=33, turned=0.4)
     target = mesh_object("Target", still.with_vertices(still.vertices * BUILD))
     armature = rig("Body", names)

@@ -27,6 +27,8 @@ LAYERS = (
     "ui",
     "cli",
 )
+# The same within `mesh_data`.
+GROUPS = ("arrays", "matrices", "attributes", "textures", "surfaces", "keys", "rigs", "writing", "objects")
 # Modules that start the add-on, or use it as a script does: no layer imports these.
 OUTSIDE = ("__init__", "__main__", "api", "watch", "demo")
 
@@ -62,6 +64,22 @@ def test_layers_import_only_earlier_layers() -> None:
         for other in imported_layers(path)
         if other not in LAYERS[: LAYERS.index(layer(path)) + 1]
     ]
+    assert not wrong
+
+
+def test_groups_of_mesh_data_import_only_earlier_groups() -> None:
+    wrong = []
+    for path in (ADDON / "mesh_data").rglob("*.py"):
+        _, group, *_ = path.relative_to(ADDON).with_suffix("").parts
+        if group == "__init__":
+            continue
+        assert group in GROUPS, path
+        depth = len(path.relative_to(ADDON / "mesh_data").parts)  # level of an import from `mesh_data`
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and node.level == depth and node.module:
+                other = node.module.split(".")[0]
+                if other not in GROUPS[: GROUPS.index(group) + 1]:
+                    wrong.append(f"{path.relative_to(ADDON)} imports {other}")
     assert not wrong
 
 

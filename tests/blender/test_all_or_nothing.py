@@ -30,7 +30,7 @@ import zoomout_core as zo
 from blender_addon import api, jobs, watch
 from blender_addon.adapters import DATA
 from blender_addon.mesh_data import writing as room
-from blender_addon.mesh_data.surface_points import surface_point_of_vertex
+from blender_addon.mesh_data.surfaces.surface_points import surface_point_of_vertex
 from blender_addon.scene.landmarks import set_landmark
 from blender_addon.services.dressing.dress import prepare_dress
 from blender_addon.services.dressing.read import Dressing

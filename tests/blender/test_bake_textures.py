@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Textures of the source show the same places in the target's atlas, and its materials use them."""
 
+from pathlib import Path
+
 import bpy
 import numpy as np
 import pytest
@@ -9,6 +11,8 @@ from true_match import keep_true_match
 
 import zoomout_core as zo
 from blender_addon import api, mesh_data
+from blender_addon.jobs import Job
+from blender_addon.services.bake import prepare_bake
 from zoomout_core.transfer.uv.tangents import tangent_space
 
 SIZE = 32
@@ -88,6 +92,7 @@ def test_baked_images_show_the_same_places_in_the_atlas(source, target):
     assert np.abs(middle[:, :, 0] - u).max() < 0.03  # the source's u runs along the rows
     assert np.abs(middle[:, :, 1] - v).max() < 0.03
     assert color.colorspace_settings.name == "sRGB"
+    assert {image.colorspace_settings.name for image in (rough, normal)} == {"Non-Color"}
     assert rough.is_float
     assert np.abs(pixels(rough)[24:40, 24:40, 0] - 4 * u).max() < 0.12
     assert np.abs(pixels(normal)[24:40, 24:40, :3] - [0.5, 0.5, 1]).max() < 0.02
@@ -156,6 +161,55 @@ def test_impossible_bake_is_reported_and_changes_nothing(source, target):
         assert snapshot_file() == before
     with pytest.raises(zo.MeshError, match=r"Save the \.blend file first"):
         api.bake_textures(bpy.context, target, api.Baking(save=True))
+
+
+def test_a_bake_that_is_cancelled_leaves_everything_as_it_was(source, target, tmp_path):
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
+    before, files = snapshot_file(), sorted(tmp_path.rglob("*"))
+    job = Job(prepare_bake(bpy.context, target.name, api.Baking(size=1024, save=True)))
+    shown = [job.progress.fraction]
+    while shown[-1] < 0.4:
+        assert not job.advance(0)
+        shown.append(job.progress.fraction)
+    job.cancel()
+    assert shown == sorted(shown)
+    assert shown[-1] < 1
+    assert snapshot_file() == before
+    assert sorted(tmp_path.rglob("*")) == files
+
+
+def test_images_that_cannot_all_be_saved_leave_the_earlier_files(source, target, tmp_path):
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
+    api.bake_textures(bpy.context, target, api.Baking(size=16, save=True))
+    folder = tmp_path / "textures"
+    names = ["Target_Base_Color.png", "Target_Normal.png", "Target_Roughness.exr"]
+    assert sorted(path.name for path in folder.iterdir()) == names
+    (folder / names[2]).unlink()
+    (folder / names[2]).mkdir()
+    before, kept = snapshot_file(), {name: (folder / name).read_bytes() for name in names[:2]}
+    with pytest.raises(zo.MeshError, match=r"'Target_Roughness\.exr' cannot be saved"):
+        api.bake_textures(bpy.context, target, api.Baking(size=32, save=True))
+    assert snapshot_file() == before
+    assert {name: (folder / name).read_bytes() for name in names[:2]} == kept
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["scene.blend", "textures"]
+
+
+def test_saved_images_are_read_from_their_folder(source, target, tmp_path):
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
+    report = api.bake_textures(bpy.context, target, api.Baking(size=16, save=True))
+    for name in report["images"].values():
+        image = bpy.data.images[name]
+        shown = pixels(image)
+        assert Path(bpy.path.abspath(image.filepath)).parent == tmp_path / "textures"
+        image.reload()
+        np.testing.assert_allclose(pixels(image), shown, atol=0.01)
+
+
+def test_a_file_in_place_of_the_folder_is_reported(source, target, tmp_path):
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
+    (tmp_path / "textures").write_bytes(b"")
+    with pytest.raises(zo.MeshError, match="cannot be made: pack the images"):
+        api.bake_textures(bpy.context, target, api.Baking(size=16, save=True))
 
 
 def test_operator_bakes_textures(source, target):

@@ -18,7 +18,7 @@ from zoomout_core.mesh.formats import blender_files
 
 pytestmark = pytest.mark.slow
 
-# Radii, and the place of an eye before the head is turned.
+# Radii, and the place of an eye before the head is rotated.
 EYE = (0.06, 0.05, 0.05)
 PLACE = np.array([0.15, -0.75, 2.15])
 

@@ -62,7 +62,7 @@ def hero():
 
 @pytest.fixture(params=["named", "nameless"])
 def scan(hero, request):
-    """The same character, turned and moved, with other meshes, and the same or other names."""
+    """The same character, rotated and moved, with other meshes, and the same or other names."""
     objects = [decimate("Body")] + [ball(name, where, 2) for name, where in EYES.items()]
     for number, obj in enumerate(objects):
         obj.matrix_world = Matrix.Translation((5, 1, 0)) @ Matrix.Rotation(1.2, 4, "Z") @ Matrix.Rotation(0.4, 4, "X")

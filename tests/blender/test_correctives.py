@@ -66,7 +66,7 @@ def drive_by_turning(obj, armature):
 
 
 def own_rig(target, names=OTHERS):
-    """Bind a target to an armature of its own at the same place, whose bones have other names."""
+    """Bind a target to its own armature at the same place, whose bones have other names."""
     armature = make_rig("Own", tuple(names[bone] for bone in BONES))
     target.modifiers.new("Armature", "ARMATURE").object = armature
     bpy.context.view_layer.update()

@@ -28,7 +28,7 @@ CLOSER = 0.3, -0.78, 0.1
 
 
 def add_expressions(obj):
-    """Four keys of a head, each in a place of its own."""
+    """Four keys of a head, each in its own place."""
     points = positions(obj.data)
     obj.shape_key_add(name="Basis", from_mix=False)
     for name, (place, offset) in KEYS.items():

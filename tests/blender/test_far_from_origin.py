@@ -10,7 +10,7 @@ from true_match import keep_true_match
 
 from blender_addon import api, jobs
 from blender_addon.mesh_data.matrices import world_matrix
-from blender_addon.mesh_data.surface_points import surface_point_of_vertex
+from blender_addon.mesh_data.surfaces.surface_points import surface_point_of_vertex
 from blender_addon.scene.landmarks import landmark_pairs, set_landmark
 from blender_addon.scene.pair import read_pair
 from blender_addon.services.matching.match import match_objects

@@ -22,7 +22,7 @@ def source():
 
 @pytest.fixture
 def target(source):
-    """The source's shape with fewer triangles, turned and moved in mesh space, and the true match."""
+    """The source's shape with fewer triangles, rotated and moved in mesh space, and the true match."""
     obj = decimate()
     keep_true_match(obj)
     return obj
@@ -467,7 +467,7 @@ def test_named_vectors_rotate_with_the_mesh(source, target, monkeypatch):
     add_attribute(source.data, "height", "FLOAT", "POINT", positions(source.data)[:, 2])
     settings = Settings(turning=("flow", "frame", "spin", "height"))
     report = transfer_objects(bpy.context, source, target, ["attributes"], settings)
-    assert len(solved) == 1  # how the mesh turns is worked out once for all of them
+    assert len(solved) == 1  # how the mesh rotates is worked out once for all of them
     assert [note.split(":")[0] for note in report["notes"] if "not rotated" in note] == [*missing, "height"]
     assert np.median(degrees(values(target.data, "plain"), bulging(still))) < 1
     assert np.median(degrees(values(target.data, "flow"), bulging(still) @ turn.T)) < 1

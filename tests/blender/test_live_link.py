@@ -395,7 +395,7 @@ def test_a_failure_while_linking_leaves_everything_as_it_was(source, target, mon
     def fail(*_):
         raise RuntimeError("as if Blender lacked a node")
 
-    monkeypatch.setattr(service.mesh_data.live_link, step, fail)
+    monkeypatch.setattr(service.mesh_data.objects.live_link, step, fail)
     with pytest.raises(RuntimeError):
         keep_linked(bpy.context, target, ["uv_maps"])
     assert snapshot_file() == before

@@ -35,7 +35,7 @@ BLENDER_TYPES = (
     *(kind for kind in vars(bmesh.types).values() if isinstance(kind, type)),
 )
 BLENDER_MODULES = ("bpy", "bmesh", "_bpy", "_bmesh")
-# How deep Blender's data is looked for within what a function is given, and in how much of it.
+# Depth of the search for Blender's data within what a function is given, and in how much of it.
 DEPTH, WIDTH = 4, 20
 
 

@@ -165,7 +165,7 @@ def test_too_small_level_writes_nothing(source):
 
 @pytest.fixture
 def given(source):
-    """Two tubes of quads in the place of the source, one moved and turned as an object, the coarser one first.
+    """Two tubes of quads in the place of the source, one moved and rotated as an object, the coarser one first.
 
     The coarser one has the name of the first level, and both have UV maps whose coordinates are (2, 3).
     """

@@ -35,7 +35,7 @@ KEPT = {"zoomout_triangle", "zoomout_barycentric", "zoomout_confidence"}
 
 @pytest.fixture
 def target(source):
-    """The source's shape, turned, moved and scaled, its vertices in another order."""
+    """The source's shape, rotated, moved and scaled, its vertices in another order."""
     obj = ellipsoid("Target", 4)
     order = np.random.default_rng(0).permutation(len(obj.data.vertices))
     place = np.empty_like(order)

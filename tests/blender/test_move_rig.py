@@ -17,7 +17,7 @@ from true_match import keep_true_match
 import zoomout_core as zo
 from blender_addon import api, mesh_data
 from blender_addon.mesh_data import read_rig_bones
-from blender_addon.mesh_data.outfit_bones import edit_bones
+from blender_addon.mesh_data.rigs.outfit_bones import edit_bones
 from blender_addon.services import transfer
 
 # Coarse tubes, which are matched faster.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A target with an armature of its own is dressed: the outfit is bound to it, and brings its own bones along."""
+"""A target with its own armature is dressed: the outfit is bound to it, and brings its own bones."""
 
 from dataclasses import replace
 
@@ -13,7 +13,8 @@ from test_dress_objects import ring, side, sleeve
 
 import zoomout_core as zo
 from blender_addon import api
-from blender_addon.mesh_data import outfit_bones, read_weights
+from blender_addon.mesh_data import read_weights
+from blender_addon.mesh_data.rigs import outfit_bones
 from blender_addon.services.dressing import fit, worn_weights
 
 OTHER_NAMES = ("mixamorig:lower", "Bone.001", "Upper")
@@ -54,7 +55,7 @@ def tail_and_chain(armature):
 
 
 def own_target(body, armature, joints=0.0):
-    """A target in rest pose, bound to an armature of its own with other names of bones; its skin bends above these."""
+    """A target in rest pose, bound to its own armature with other names of bones; its skin bends above these."""
     target, _ = pose_target(body, armature, {})
     other = rig("Other Rig", OTHER_NAMES)
     for name, column in zip(OTHER_NAMES, raised_weights(positions(target.data), joints).T, strict=True):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Avatars in .blend and FBX files, dressed in what others wear."""
+"""Avatars in .blend and FBX files, dressed in outfits of other avatars."""
 
 import json
 

@@ -335,7 +335,7 @@ def test_changed_landmarks_or_source_are_shown_after_a_match(source, target, ope
     for obj in (source, target):
         set_landmark(bpy.context, obj, number=1, vertex=12)
     match_objects(bpy.context, source, target, k_final=30)
-    set_landmark(bpy.context, target, number=2, vertex=40)  # on one of the two alone it says nothing
+    set_landmark(bpy.context, target, number=2, vertex=40)  # on one of the two alone it has no note
     assert not changed()
     set_landmark(bpy.context, source, number=2, vertex=40)
     assert changed()

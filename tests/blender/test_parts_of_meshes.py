@@ -77,7 +77,7 @@ def test_partner_mask_is_stored_with_the_match(source, target):
     np.testing.assert_array_equal(kept.source_has_partner, ~alone(source))
     assert tuple(kept.without_partner) == (0.12, 0.34)
     np.testing.assert_array_equal(values(target.data, "zoomout_has_partner"), ~alone(target))
-    # A match that does not know, such as one of an earlier version, says nothing.
+    # A match that does not know, such as one of an earlier version, has no note.
     stored = stored_match.description(target.data)
     for name in ("source_has_partner", "without_partner"):
         del stored[name]

@@ -88,7 +88,7 @@ def test_blocking_problem_is_reported_alone(source, target, defect, sentence):
 def test_disabled_matched_source_is_reported(source, target, is_chosen):
     match_objects(bpy.context, source, target, k_final=30)
     activate(target)
-    bpy.context.scene.zoomout.source = source if is_chosen else None  # Blender may evaluate it all the same
+    bpy.context.scene.zoomout.source = source if is_chosen else None  # Blender may still evaluate it
     source.hide_viewport = True
     bpy.context.view_layer.update()
     sentence = "'Source' or its collection is disabled in the viewport: enable it."

@@ -69,7 +69,7 @@ def test_flipped_faces_are_selected(source, target, mirrored):
     triangle = values(target.data, "zoomout_triangle").copy()
     weights = values(target.data, "zoomout_barycentric").copy()
     points = positions(target.data)
-    if mirrored:  # all are turned over: each vertex goes to where its mirror image is
+    if mirrored:  # all are flipped: each vertex goes to where its mirror image is
         pair = jobs.run(read_pair(bpy.context, "Source", "Target"))
         triangle, weights = closest_points(points * [1, -1, 1], pair.source.vertices, pair.source.triangles)
     tip = points[:, 0].argmax()

@@ -16,7 +16,7 @@ from drawing import Context, Layout
 
 import zoomout_core as zo
 from blender_addon import translations
-from blender_addon.mesh_data.marks import SEAMS
+from blender_addon.mesh_data.attributes.marks import SEAMS
 from blender_addon.operators.base import activity, modal_operator
 from blender_addon.services import targets, transfer
 from blender_addon.services.symmetry import detect

@@ -152,7 +152,7 @@ def test_groups_that_no_bone_of_the_target_moves_are_noted_in_a_mask(source, tar
         obj.modifiers.new("Rig", "ARMATURE").object = armature
     skin(source)
     set_weights(target, "Mask", ramp(target, axis=2))
-    foreign = "no bones of 1 vertex groups, such as 'Arm.R'"
+    foreign = "no bones for 1 vertex groups, such as 'Arm.R'"
     report = transfer(source, target, "vertex_groups", mask_group="Mask")
     assert any(foreign in note for note in report["notes"])
     assert not any(foreign in note for note in transfer(source, target, "vertex_groups")["notes"])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Test poses turn the bones like the check of a binding, and leave the pose as it was."""
+"""Test poses rotate the bones like the check of a binding, and leave the pose as it was."""
 
 import bpy
 import numpy as np

@@ -39,6 +39,7 @@ from blender_addon.operators.transfer import ZOOMOUT_OT_transfer
 from blender_addon.properties.match import MatchOptions
 from blender_addon.scene.selection import own_sources
 from blender_addon.services import transfer as service
+from blender_addon.services.matching.made_match import MatchUse
 from blender_addon.services.matching.match import match_objects
 from blender_addon.services.transfer import prepare_transfer, transfer_objects
 from blender_addon.storage import stored_match
@@ -426,7 +427,8 @@ def test_adjusting_reuses_the_computed_match(source, target, monkeypatch):
     confidence = values(target.data, "zoomout_confidence")
     target.data.attributes.remove(target.data.attributes["zoomout_triangle"])
     monkeypatch.setattr("zoomout_core.match", None)
-    adjusted = partial(prepare_transfer, bpy.context, "Source", "Target", ["vertex_groups"], adjusted=True)
+    use = MatchUse(adjusted=True)
+    adjusted = partial(prepare_transfer, bpy.context, "Source", "Target", ["vertex_groups"], use=use)
     report = jobs.run(adjusted())()
     assert report["source"] == "Source"
     np.testing.assert_array_equal(values(target.data, "zoomout_confidence"), confidence)

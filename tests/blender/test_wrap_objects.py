@@ -28,6 +28,7 @@ from blender_addon import api, jobs
 from blender_addon.operators.wrap import ZOOMOUT_OT_wrap
 from blender_addon.properties.wrap import WrapOptions
 from blender_addon.scene.pair import read_pair
+from blender_addon.services.matching.made_match import MatchUse
 from blender_addon.services.wrap import prepare_wrap, summary
 from blender_addon.storage import stored_match
 from zoomout_core.geometry.closest_points import closest_points
@@ -96,7 +97,7 @@ def test_wrap_key_has_the_shape_of_the_source(source, target):
     assert off(moved_to(target, source), source).max() < 1e-5
     np.testing.assert_array_equal(key_shape(target.data, "Basis"), basis)
     assert snapshot(source) == before
-    # The match holds still.
+    # The match does not change.
     assert api.transfer_objects(bpy.context, source, target, ["attributes"])["vertices"] == len(basis)
 
 
@@ -131,7 +132,7 @@ def test_wrapping_the_mesh_moves_its_keys_and_match(source, target):
 
 
 def test_a_new_object_lies_on_the_source(source, target):
-    target.matrix_world = Matrix.Diagonal((-1, 1, 1, 1))  # mirrored, so that its faces are turned over
+    target.matrix_world = Matrix.Diagonal((-1, 1, 1, 1))  # mirrored, so that its faces are flipped
     bpy.context.view_layer.update()
     keep_match_by_direction(target)
     set_weights(target, "Bone", np.ones(len(target.data.vertices)))
@@ -259,7 +260,7 @@ def test_adjusting_reuses_the_computed_match(source, monkeypatch):
     prepare = partial(prepare_wrap, bpy.context, "Source", "Copy", initial="same_order")
     jobs.run(prepare(api.Wrapping()))  # as if it had been undone
     monkeypatch.setattr("blender_addon.services.matching.made_match.match_pair", None)
-    jobs.run(prepare(api.Wrapping(detail=0.5), adjusted=True))()
+    jobs.run(prepare(api.Wrapping(detail=0.5), MatchUse(adjusted=True)))()
     assert copy.data.shape_keys is not None
 
 

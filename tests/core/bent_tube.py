@@ -7,8 +7,9 @@ from scipy.spatial.transform import Rotation
 
 import zoomout_core as zo
 from zoomout_core.geometry.procrustes import Similarities
+from zoomout_core.mesh.affine_maps import transform_points
 from zoomout_core.samples.grids import ring_faces
-from zoomout_core.transfer.rigging.skinning import skinning_matrices, transform_points
+from zoomout_core.transfer.rigging.skinning import skinning_matrices
 
 LENGTH = 6.0
 PARENTS = np.array([-1, 0, 1])

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Generated creatures in clothes: garments, eyes and buttons as loose parts, with the true correspondence of each.
 
-A garment is a shell above a region of the creature's skin, with a mesh of its own. It is cut at rest and bent
+A garment is a shell above a region of the creature's skin, with its own mesh. It is cut at rest and bent
 with the creature. Sleeves bend with their arms, so only a map of the whole body predicts where they end up.
 """
 

@@ -19,7 +19,7 @@ from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.voxel_remesh import voxel_remesh
 from zoomout_core.samples.spheres import outward_hull
 
-# Each part: its parent, the joint that it turns about, its centre and its radii. +x is left, -y is front.
+# Each part: its parent, the joint about which it rotates, its centre and its radii. +x is left, -y is front.
 Part = tuple[str, tuple[float, ...], tuple[float, ...], tuple[float, ...]]
 MIDDLE: dict[str, Part] = {
     "torso": ("", (0, 0, 1.0), (0, 0, 1.25), (0.21, 0.14, 0.36)),

@@ -38,12 +38,15 @@ RUNTIME = "runtime"
 
 
 def imports(path: Path) -> Iterator[str]:
-    """Names of the core's modules that a module imports."""
+    """Names of the core's modules that a module imports, also while it runs."""
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("zoomout_core."):
             yield str(node.module)
         elif isinstance(node, ast.Import):
             yield from (name.name for name in node.names if name.name.startswith("zoomout_core."))
+        elif isinstance(node, ast.Call) and ast.unparse(node.func).endswith("import_module"):
+            names = (name.value for name in node.args if isinstance(name, ast.Constant))
+            yield from (str(name) for name in names if str(name).startswith("zoomout_core."))
 
 
 def test_layers_import_only_earlier_layers() -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Meshes are drawn with what is nearest in front, and pictures are written as PNG."""
+"""Meshes are drawn with the nearest surfaces in front, and pictures are written as PNG."""
 
 from __future__ import annotations
 

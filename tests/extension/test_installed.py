@@ -48,7 +48,7 @@ os._exit(0)
 
 @pytest.fixture
 def pair(installed):
-    """A source with all kinds of data, and its shape as the target, turned and with another order of vertices."""
+    """A source with all kinds of data, and its shape as the target, rotated and with another order of vertices."""
     bpy.ops.wm.read_homefile(use_empty=True)
     source, target = ellipsoid("Source", 4), ellipsoid("Target", 4)
     order = np.random.default_rng(0).permutation(len(target.data.vertices))
@@ -138,6 +138,45 @@ def test_a_linked_target_follows_the_source(pair):
         source.data.attributes[name].data.foreach_set(element, changed.ravel())
         source.data.update()
         assert np.isclose(linked_values(target, name), before / 2, atol=1e-5).mean() > 0.95
+
+
+@pytest.mark.parametrize("way", ["appended", "linked", "overridden"])
+def test_a_link_survives_use_in_another_file(pair, tmp_path, way):
+    """An appended target follows the appended source, others the source that is edited in its own file."""
+    bpy.ops.zoomout.match()
+    assert bpy.ops.zoomout.keep_linked() == {"FINISHED"}
+    both = bpy.data.collections.new("Both")
+    bpy.context.scene.collection.children.link(both)
+    for obj in pair:
+        both.objects.link(obj)
+    before = linked_values(pair[1], "Height")
+    library, scene = str(tmp_path / "library.blend"), str(tmp_path / "scene.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=library)
+    bpy.ops.wm.read_homefile(use_empty=True)
+    with bpy.data.libraries.load(library, link=way != "appended") as (_, into):
+        into.collections = ["Both"]
+    if way == "overridden":
+        into.collections[0].override_hierarchy_create(bpy.context.scene, bpy.context.view_layer)
+    else:
+        bpy.context.scene.collection.children.link(into.collections[0])
+    np.testing.assert_allclose(linked_values(used("Target"), "Height"), before, atol=1e-6)
+    bpy.ops.wm.save_as_mainfile(filepath=scene)
+    if way != "appended":
+        bpy.ops.wm.open_mainfile(filepath=library)
+    mesh = bpy.data.objects["Source"].data
+    mesh.attributes["Height"].data.foreach_set("value", values(mesh, "Height") / 2)
+    mesh.update()
+    if way != "appended":
+        bpy.ops.wm.save_mainfile()
+        bpy.ops.wm.open_mainfile(filepath=scene)
+    found = linked_values(used("Target"), "Height")
+    assert np.isclose(found, before / 2, atol=1e-5).mean() > 0.95
+    assert np.ptp(found) > 0.1
+
+
+def used(name):
+    """The object of the scene with a name, of several in the file."""
+    return next(obj for obj in bpy.context.scene.objects if obj.name == name)
 
 
 def linked_values(target, name):

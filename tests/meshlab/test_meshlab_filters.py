@@ -273,7 +273,7 @@ def test_conform_gives_target_the_shape_of_source(found, source, target):
 
 
 def test_normals_turn_with_the_surface(found, target):
-    """The pose turns the limbs: transferred normals are the target's own, not the source's."""
+    """The pose rotates the limbs: transferred normals are the target's own, not the source's."""
     copied = copy_of(found[0])
     turn = np.array([[0, -2.0, 0, 1], [2, 0, 0, 1 / 3], [0, 0, 2, 0], [0, 0, 0, 1]])
     away = pymeshlab.Mesh((target.vertices - turn[:3, 3]) @ np.linalg.inv(turn[:3, :3]).T, target.faces)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Give a part of a target joints and weights of a second source, such as those of its face, below its own joints."""
+"""Add the joints and weights of a second source, such as those of a face, to a part of a target."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from scipy.sparse import csr_array
 
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.assets.asset import Asset, Skin, to_rest
-from zoomout_core.assets.gltf.document import library
 from zoomout_core.assets.skeletons import make_unique, skeleton_of
+from zoomout_core.mesh.formats.gltf_document import library
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.messages import Message, message, plural
 from zoomout_core.transfer.mapped_target import MappedTarget
@@ -54,12 +54,12 @@ def add_joints(
 
 
 def _skeleton(asset: Asset, skin: Skin) -> Skeleton:
-    """The joints of an asset, without their places."""
+    """The joints of an asset, without their positions."""
     return skeleton_of(asset, np.arange(len(skin.names)), np.zeros((len(skin.names), 3)))
 
 
 def _place(source: Asset, own: Skin, at_rest: Surface, mapped: MappedTarget, joints: Integers) -> Floats:
-    """(a, 4, 4) frames of some joints (a,) of a source in a target at rest, of the scale of the target."""
+    """(a, 4, 4) frames of some joints (a,) of a source in a target at rest, with the scale of the target."""
     placed = np.tile(np.eye(4), (len(joints), 1, 1))
     if len(joints):
         frames, body = np.linalg.inv(own.inverse_bind), source.surface.with_vertices(own.rest)
@@ -70,7 +70,7 @@ def _place(source: Asset, own: Skin, at_rest: Surface, mapped: MappedTarget, joi
 
 
 def _append(target: Asset, skin: Skin, added: list[str], placed: Floats, shared: SharedBones, part: Booleans) -> Asset:
-    """The target with added joints of these names and frames (a, 4, 4), and weights that are new in a part (n,)."""
+    """Add joints of these names and frames (a, 4, 4) to a target, with new weights in a part (n,)."""
     assert target.document is not None
     document = target.document.copy()
     nodes, taken = document.gltf.nodes, {each.name for each in document.gltf.nodes}

@@ -11,16 +11,16 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from zoomout_core.arrays import Floats, Integers, segment_sum
+from zoomout_core.mesh.affine_maps import blend_matrices, transform_points
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import unit_vectors
 from zoomout_core.runtime.summary import Summary
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
-from zoomout_core.transfer.rigging.skinning import blend_matrices
 from zoomout_core.transfer.rigging.unpose import inverse_skinning
 
 if TYPE_CHECKING:
-    from zoomout_core.assets.gltf.document import Document
     from zoomout_core.assets.stored_map import StoredMap
+    from zoomout_core.mesh.formats.gltf_document import Document
 
 # Names of kinds with one attribute each. Texture coordinates and colours are numbered, as there may be several.
 WEIGHTS, SHAPE_KEYS, MATERIALS, NORMALS = "weights", "shape keys", "materials", "normals"
@@ -153,6 +153,28 @@ def at_rest(asset: Asset) -> Asset:
     linear = np.tile(np.eye(3), (len(skin.rest), 1, 1))
     rest = replace(skin, transforms=still, linear=linear)
     return replace(asset, surface=asset.surface.with_vertices(skin.rest), attributes=tuple(attributes), skin=rest)
+
+
+def in_pose_of(asset: Asset, other: Asset) -> Asset:
+    """An asset at rest in the pose that another one with the same joints has in its file, which inverts `at_rest`."""
+    skin = asset.skin
+    if skin is None or other.skin is None:
+        return asset
+    transforms = other.skin.transforms
+    matrices = blend_matrices(transforms[:, :3], skin.weights)
+    matrices[np.diff(skin.weights.indptr) == 0] = np.eye(4)[:3]
+    linear, attributes = np.linalg.pinv(matrices[:, :, :3]), []
+    for each in asset.attributes:
+        values = np.asarray(each.values)
+        if each.name == SHAPE_KEYS:
+            each = replace(each, values=np.einsum("nxy,nky->nkx", matrices[:, :, :3], values))
+        elif each.name == NORMALS:
+            turned = np.einsum("cyx,cy->cx", linear[asset.surface.corner_vertex], values)
+            each = replace(each, values=unit_vectors(turned))
+        attributes.append(each)
+    surface = asset.surface.with_vertices(transform_points(matrices, skin.rest))
+    posed = replace(skin, transforms=transforms, linear=linear)
+    return replace(asset, surface=surface, attributes=tuple(attributes), skin=posed)
 
 
 def kind_of(attribute: Attribute) -> str:

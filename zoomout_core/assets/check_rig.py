@@ -9,10 +9,10 @@ import numpy as np
 
 from zoomout_core.arrays import Floats
 from zoomout_core.assets.asset import Asset, Skin
-from zoomout_core.assets.gltf.document import Document
 from zoomout_core.assets.gltf.move_skin import UP
 from zoomout_core.assets.gltf.play import length_of, play
 from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.mesh.formats.gltf_document import Document
 from zoomout_core.transfer.rigging.motion import MotionCheck, PlayedMotion, SkinnedBody, check_motions
 
 # Frames of an animation per second, and the largest number of them.

@@ -14,7 +14,7 @@ from tempfile import TemporaryDirectory
 from zoomout_core.assets.asset import Asset, one_line
 from zoomout_core.assets.gltf.avatars import is_avatar
 from zoomout_core.assets.gltf.compress import METHODS, compress_gltf
-from zoomout_core.assets.gltf.read import read_gltf
+from zoomout_core.assets.gltf.read_asset import read_gltf
 from zoomout_core.assets.gltf.write import write_gltf
 from zoomout_core.assets.obj import read_obj, write_obj
 from zoomout_core.assets.ply import read_ply, write_ply

@@ -21,14 +21,9 @@ from scipy.sparse.linalg import LinearOperator, cg
 
 from zoomout_core.arrays import Floats, Integers, row_norms, segment_sum
 from zoomout_core.geometry.closest_points import SurfaceSearch
+from zoomout_core.mesh.affine_maps import blend_matrices, normalise, transform_points
 from zoomout_core.mesh.triangles import triangle_normals, vertex_normals
-from zoomout_core.transfer.rigging.skinning import (
-    blend_matrices,
-    normalise,
-    row_of,
-    strongest,
-    transform_points,
-)
+from zoomout_core.transfer.rigging.skinning import row_of, strongest
 from zoomout_core.tuning import Tuning, tuned
 
 # Weights of the smoothness of the displacements, and of their size, relative to those of the distances.
@@ -160,7 +155,9 @@ def fit_weights(
     found = shares.data.copy()
     found[free] += step
     found[shares.indices == main[row]] -= np.bincount(vertex, step, len(vertices))[np.diff(shares.indptr) > 0]
-    return normalise(csr_array((np.maximum(found, 0), shares.indices, shares.indptr), shape=shares.shape))
+    fitted = csr_array((np.maximum(found, 0), shares.indices, shares.indptr), shape=shares.shape)
+    fitted.eliminate_zeros()
+    return normalise(fitted)
 
 
 def closest_facing(vertices: Floats, triangles: Integers, parts: Integers, places: Places) -> tuple[Integers, Floats]:

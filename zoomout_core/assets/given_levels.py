@@ -14,7 +14,7 @@ import numpy as np
 from scipy.sparse import coo_array, csr_array
 
 from zoomout_core.arrays import Integers, row_norms
-from zoomout_core.assets.asset import UV, Asset, at_rest, on_corners
+from zoomout_core.assets.asset import UV, Asset, at_rest, in_pose_of, on_corners
 from zoomout_core.assets.facing_normals import faces_away, turn_to_faces
 from zoomout_core.assets.fit_level import Places, closest_facing, fit_weights
 from zoomout_core.assets.level import FITTED, Level, Poses, errors_of_level, merge_places, points_in_poses
@@ -29,7 +29,6 @@ from zoomout_core.runtime.progress import stage
 from zoomout_core.runtime.threads import on_one_blas_thread
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 from zoomout_core.transfer.mapped_target import MappedTarget
-from zoomout_core.transfer.rigging.skinning import blend_matrices, transform_points
 from zoomout_core.transfer.rules import map_target, transfer_along
 
 # A given mesh coincides with the asset if at most `MAX_FAR_SHARE` of its vertices are farther from it than `FAR`,
@@ -172,19 +171,17 @@ def _complete(
     """A given mesh with all data of an asset, whose state at rest is `source`."""
     found = placed.surface_map
     match = SimpleNamespace(surface_map=found, confidence=np.ones(len(found.triangle)), has_partner=None)
-    surface, skin = place_all(at_rest(given).surface), None
-    if source.skin is not None and asset.skin is not None:
-        weights = skin_weights(source.skin, map_target(match, source.surface, surface), max_weights)
-        weights = _fit_given_weights(source, surface, placed, weights, poses)
-        rest, matrices = surface.vertices, blend_matrices(asset.skin.transforms[:, :3], weights)
-        surface = surface.with_vertices(transform_points(matrices, rest))
-        skin = replace(asset.skin, rest=rest, linear=np.linalg.pinv(matrices[:, :, :3]), weights=weights)
-    mapped = map_target(match, asset.surface, surface)
+    surface, skin = place_all(at_rest(given).surface), source.skin
+    mapped = map_target(match, source.surface, surface)
+    if skin is not None:
+        weights = _fit_given_weights(source, surface, placed, skin_weights(skin, mapped, max_weights), poses)
+        linear = np.tile(np.eye(3), (len(surface.vertices), 1, 1))
+        skin = replace(skin, rest=surface.vertices, linear=linear, weights=weights)
     own, notes = _own_uvs(asset, given) if keep_uv else ({}, [])
-    attributes = tuple(own.get(each.name) or _carry_in_place(each, mapped) for each in asset.attributes)
+    attributes = tuple(own.get(each.name) or _carry_in_place(each, mapped) for each in source.attributes)
     notes += [note for each in attributes for note in each.notes]
     level = replace(
-        asset,
+        source,
         surface=surface,
         attributes=attributes,
         skin=skin,
@@ -193,8 +190,8 @@ def _complete(
         notes=(),
         stored_map=None,
     )
-    errors = errors_of_level(source, at_rest(level), found)
-    return Level(level, match, (*asset.notes, *notes), *errors)
+    errors = errors_of_level(source, level, found)
+    return Level(in_pose_of(level, asset), match, (*asset.notes, *notes), *errors)
 
 
 def _fit_given_weights(source: Asset, surface: Surface, placed: _Placed, weights: csr_array, poses: Poses) -> csr_array:

@@ -20,7 +20,7 @@ from zoomout_core.assets.asset import (
 )
 from zoomout_core.assets.gltf.append import append_materials
 from zoomout_core.assets.gltf.materials import full_look
-from zoomout_core.assets.gltf.read import materials_of
+from zoomout_core.assets.gltf.read_asset import materials_of
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.transfer.attribute import Attribute, Domain
 from zoomout_core.transfer.blend import Blend, blend

@@ -15,16 +15,17 @@ from zoomout_core.assets.asset import SHAPE_KEYS, Asset
 from zoomout_core.assets.fit_level import Places
 from zoomout_core.geometry.closest_points import SurfaceSearch
 from zoomout_core.maps.surface_map import SurfaceMap, interpolation_matrix
+from zoomout_core.mesh.affine_maps import blend_matrices, transform_points
 from zoomout_core.mesh.triangles import components, triangle_normals, unique_edges, vertex_normals
 from zoomout_core.transfer.rigging.poses import MAX_FRAMES, distinct_poses, extreme_poses
-from zoomout_core.transfer.rigging.skinning import blend_matrices, transform_points
 
 # Differences of weights that are rounding.
 SAME_WEIGHT = 1e-9
-# Share of the largest offset of all morph targets from which a vertex counts as moved, and the most poses of them.
+# A vertex counts as moved from this share of the largest offset of all morph targets; and the maximum number of poses
+# of morph targets.
 MOVED, MAX_KEY_POSES = 0.02, 6
-# Vertices in all poses of the joints, to bound time and memory: of larger meshes, fewer poses are used, but at least
-# this number. Half of the poses raise the errors by 1 %.
+# Total number of vertices in all poses of the joints, which bounds time and memory: larger meshes have fewer poses, but
+# at least this number. Half of the poses raise the errors by 1 %.
 MAX_POSED, MIN_POSES = 400_000, 4
 # Points of the asset, per vertex of a level, that the level is fitted to.
 FITTED = 24
@@ -42,7 +43,7 @@ class Level:
         notes: sentences for the user.
         rest_error: mean distance of the asset's vertices, or of a sample, from the level at rest, relative to the
             asset's extent.
-        posed_error: the same in poses that turn the joints, with the level's own weights; None without joints.
+        posed_error: the same in poses that rotate the joints, with the level's own weights; None without joints.
         posed_geometry_error: the same if each vertex moved with all weights at its place on the asset.
     """
 
@@ -55,14 +56,14 @@ class Level:
 
 
 class Poses:
-    """The poses in which a level is to be like its asset: the joints turned to extremes, and the morph targets.
+    """The poses in which a level should equal its asset: joints rotated to extremes, and the morph targets.
 
     Args:
         source: the asset at rest.
 
     Attributes:
         positions: (n, 3) its vertices in each pose.
-        parts: (n,) the connected part of each vertex; vertices in one place are connected.
+        parts: (n,) the connected part of each vertex; coincident vertices are connected.
     """
 
     def __init__(self, source: Asset) -> None:
@@ -83,7 +84,7 @@ class Poses:
 
         Args:
             asset: the asset at rest, or a level of it.
-            rows: the vertices of the asset at rest that its vertices are.
+            rows: for each of its vertices, the corresponding vertex of the asset at rest.
         """
         weights = [] if asset.skin is None else [csr_array(asset.skin.weights)]
         yield from (blend_matrices(pose, each) for each in weights for pose in self.joints)
@@ -120,7 +121,7 @@ def _group_keys(offsets: Floats) -> list[Floats]:
 
 
 def points_in_poses(source: Asset, poses: Poses, parts: Integers, kept: Integers, count: int) -> Places:
-    """At most `count` points of an asset at rest, vertices and centres of triangles, of which parts (n,) are kept."""
+    """At most `count` points of an asset at rest: vertices, and centres of triangles in the kept parts (n,)."""
     surface = source.surface
     vertices = np.unique(surface.triangles)
     part = parts[np.concatenate([vertices, surface.triangles[:, 0]])]
@@ -136,7 +137,7 @@ def points_in_poses(source: Asset, poses: Poses, parts: Integers, kept: Integers
 
 
 def merge_places(vertices: Floats) -> tuple[Integers, Integers]:
-    """The first vertex (k,) of each place, and for vertices (n, 3) the number of their place (n,)."""
+    """The first vertex (k,) at each position, and the number (n,) of the position of each vertex (n, 3)."""
     _, first, of_vertex = np.unique(vertices.astype(np.float32), axis=0, return_index=True, return_inverse=True)
     return first, of_vertex.ravel()
 
@@ -171,7 +172,7 @@ def errors_of_level(source: Asset, level: Asset, found: SurfaceMap) -> tuple[flo
 
 
 def _pose(rest: Floats, weights: csr_array, pose: Floats) -> Floats:
-    """(n, 3) vertices (n, 3) after joints (b, 3, 4) moved them by weights (n, b)."""
+    """Move vertices (n, 3) by joints (b, 3, 4) with weights (n, b)."""
     return transform_points(blend_matrices(pose, weights), rest)
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from zoomout_core.arrays import Floats, Integers
-from zoomout_core.assets.asset import MATERIALS, NORMALS, UV, Asset, at_rest, on_corners
+from zoomout_core.assets.asset import MATERIALS, NORMALS, UV, Asset, at_rest, in_pose_of, on_corners
 from zoomout_core.assets.facing_normals import faces_away, turn_to_faces
 from zoomout_core.assets.fit_level import LEVEL_FIT, fit_level, fit_weights
 from zoomout_core.assets.level import FITTED, Level, Poses, errors_of_level, merge_places, points_in_poses
@@ -113,11 +113,11 @@ def _level(
     max_weights: int | None,
 ) -> Level:
     """A level of an asset, whose state at rest is `source`, with the triangles and corners of a part of it."""
-    level, used = _select(asset, *part)
+    level, used = _select(source, *part)
     if max_weights is not None:
         level = with_fewer_weights(level, max_weights)
-    level = _with_facing_normals(_fit(source, level, used, poses), asset, used)
-    found = _map_of(asset.surface, used)
+    level = _with_facing_normals(_fit(source, level, used, poses), source, used)
+    found = _map_of(source.surface, used)
     match = SimpleNamespace(surface_map=found, confidence=np.ones(len(used)), has_partner=None)
     notes = [*asset.notes]
     wanted, count = round(ratio * len(source.surface.working.vertices)), len(level.surface.working.vertices)
@@ -129,7 +129,7 @@ def _level(
                 wanted=wanted,
             )
         )
-    return Level(level, match, tuple(notes), *errors_of_level(source, at_rest(level), found))
+    return Level(in_pose_of(level, asset), match, tuple(notes), *errors_of_level(source, level, found))
 
 
 def _simplify(source: Asset, poses: Poses, ratios: Sequence[float]) -> list[tuple[Integers, Integers, Integers]]:
@@ -186,7 +186,7 @@ def _select(asset: Asset, alive: Integers, corners: Integers, content: Integers)
     """The part of an asset that a level keeps, and (k,) the vertices of the asset that it has.
 
     Args:
-        asset: the asset.
+        asset: the asset at rest.
         alive: (m,) numbers of triangles, for the data of faces.
         corners: (m, 3) corners of the asset at the vertices that the triangles have.
         content: (m, 3) the corners of the asset whose data the triangles' corners have.
@@ -235,8 +235,8 @@ def _with_facing_normals(level: Asset, asset: Asset, used: Integers) -> Asset:
 
 
 def _fit(source: Asset, level: Asset, used: Integers, poses: Poses) -> Asset:
-    """A level, moved and weighted to be close to the asset in all poses; vertices in one place stay together."""
-    rest = at_rest(level).surface.vertices
+    """A level at rest, moved and weighted to be close to the asset in all poses; coinciding vertices stay so."""
+    rest = level.surface.vertices
     first, of_vertex = merge_places(rest)
     places = points_in_poses(source, poses, poses.parts, poses.parts[used], FITTED * len(first))
     triangles, own_parts = of_vertex[level.surface.triangles], poses.parts[used[first]]
@@ -254,11 +254,8 @@ def _fit(source: Asset, level: Asset, used: Integers, poses: Poses) -> Asset:
         level = replace(level, skin=replace(level.skin, weights=csr_array(weights[of_vertex])))
     fitted = fit(level, LEVEL_FIT.rounds)
     moved = fitted[of_vertex]
-    if level.skin is None:
-        return replace(level, surface=level.surface.with_vertices(moved))
-    step = np.linalg.solve(level.skin.linear, (moved - rest)[:, :, None])[:, :, 0]
-    placed = level.surface.with_vertices(level.surface.vertices + step)
-    return replace(level, surface=placed, skin=replace(level.skin, rest=moved))
+    skin = None if level.skin is None else replace(level.skin, rest=moved)
+    return replace(level, surface=level.surface.with_vertices(moved), skin=skin)
 
 
 def _map_of(surface: Surface, used: Integers) -> SurfaceMap:

@@ -26,8 +26,8 @@ from zoomout_core.assets.asset import (
     one_line,
     to_srgb,
 )
-from zoomout_core.assets.images import image_type
 from zoomout_core.mesh.formats.files import drop_broken_faces, surface_of
+from zoomout_core.mesh.formats.image_types import image_type
 from zoomout_core.mesh.formats.obj_files import parse_obj, statements
 from zoomout_core.mesh.formats.opening import file_bytes, shown
 from zoomout_core.runtime.input_files import FormatError, OutsideError, beside, read_whole

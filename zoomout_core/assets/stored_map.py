@@ -35,6 +35,7 @@ class StoredMap:
         source: the digest of the source's surface.
         kinds: the kinds of data that were received.
         fitted: whether the weights were fitted to the source in poses, as those of levels of detail are.
+        max_weights: how many joints a vertex may have; None if this was not limited.
     """
 
     triangle: Integers
@@ -44,6 +45,7 @@ class StoredMap:
     source: str
     kinds: tuple[str, ...]
     fitted: bool = False
+    max_weights: int | None = None
 
     @property
     def rows(self) -> Floats:
@@ -54,7 +56,8 @@ class StoredMap:
     @property
     def description(self) -> dict[str, Any]:
         """The values that belong to all vertices, for a file."""
-        return {"source": self.source, "kinds": list(self.kinds), "fitted": self.fitted}
+        found = {"source": self.source, "kinds": list(self.kinds), "fitted": self.fitted}
+        return found if self.max_weights is None else {**found, "max_weights": self.max_weights}
 
     def on(self, source: Surface) -> MapOfSource:
         """The map onto a surface with the triangles of the source."""
@@ -72,7 +75,13 @@ class MapOfSource:
     has_partner: Booleans
 
 
-def stored_map_of(match: Match, source: Surface, kinds: tuple[str, ...], fitted: bool = False) -> StoredMap:
+def stored_map_of(
+    match: Match,
+    source: Surface,
+    kinds: tuple[str, ...],
+    fitted: bool = False,
+    max_weights: int | None = None,
+) -> StoredMap:
     """The map of a match, to be stored with the asset that received data of some kinds, see `StoredMap`.
 
     Raises:
@@ -85,7 +94,9 @@ def stored_map_of(match: Match, source: Surface, kinds: tuple[str, ...], fitted:
         )
     found, confidence = match.surface_map, np.asarray(match.confidence)
     has_partner = np.ones(len(confidence), dtype=bool) if match.has_partner is None else np.asarray(match.has_partner)
-    return StoredMap(found.triangle, found.barycentric, confidence, has_partner, digest_of(source), kinds, fitted)
+    return StoredMap(
+        found.triangle, found.barycentric, confidence, has_partner, digest_of(source), kinds, fitted, max_weights
+    )
 
 
 def stored_map_from(rows: Floats, description: Any) -> StoredMap | None:
@@ -100,8 +111,10 @@ def stored_map_from(rows: Floats, description: Any) -> StoredMap | None:
     barycentric /= barycentric.sum(axis=1, keepdims=True)
     has_partner = rows[:, 3] >= 0
     confidence = np.clip(rows[:, 3], 0, 1)
-    triangle, fitted = rows[:, 0].astype(np.int64), description.get("fitted") is True
-    return StoredMap(triangle, barycentric, confidence, has_partner, source, tuple(kinds), fitted)
+    triangle, fitted, limit = rows[:, 0].astype(np.int64), description.get("fitted") is True, None
+    if type(description.get("max_weights")) is int and description["max_weights"] > 0:
+        limit = description["max_weights"]
+    return StoredMap(triangle, barycentric, confidence, has_partner, source, tuple(kinds), fitted, limit)
 
 
 def digest_of(source: Surface) -> str:

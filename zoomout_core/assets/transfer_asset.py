@@ -18,6 +18,7 @@ from zoomout_core.assets.check_rig import check_rig
 from zoomout_core.assets.gltf.move_skin import move_skin
 from zoomout_core.assets.keep_rest import keep_rest
 from zoomout_core.geometry.closest_points import SurfaceSearch
+from zoomout_core.mesh.affine_maps import normalise
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.messages import enumeration, message, plural
@@ -28,7 +29,7 @@ from zoomout_core.transfer.blend import Blend, mask_of
 from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.rigging.motion import MotionCheck, note_on_motions
 from zoomout_core.transfer.rigging.rest_pose import REST, align, find_pose
-from zoomout_core.transfer.rigging.skinning import normalise, skinning_matrices
+from zoomout_core.transfer.rigging.skinning import skinning_matrices
 from zoomout_core.transfer.rigging.unpose import Rest, unpose
 from zoomout_core.transfer.rules import Match, map_target, transfer_along
 
@@ -92,7 +93,8 @@ def transfer_asset(
             to receive all.
 
     Raises:
-        MeshError: the source has no data of these kinds, it has no skin to move, or the map is of other surfaces.
+        MeshError: the source has no data of these kinds, it has no skin to move, a joint to move is scaled to nothing,
+            or the map is of other surfaces.
         ValueError: the shape is not in `SHAPES`, a kind not in `KINDS`, or the mask does not fit the target.
 
     Example:
@@ -109,6 +111,10 @@ def transfer_asset(
     chosen, skin = select_data(source, kinds)
     if move_rig and skin is None:
         raise MeshError("The source has no joints to move: choose a rigged source, and transfer its skin weights.")
+    if move_rig:
+        _check_joints(
+            [each.skin for each in ((source, target) if part is not None else (source,)) if each.skin is not None]
+        )
     mapped = map_target(match, source.surface, place_all(target.surface), fill_below)
     replaced = {kind_of(each) for each in chosen}
     attributes, notes = _transfer_attributes(chosen, replaced, target, mapped)
@@ -152,6 +158,17 @@ def _check_choices(kinds: Collection[str], shape: str) -> None:
     unknown = [kind for kind in kinds if kind not in KINDS]
     if unknown:
         raise ValueError(f"Unknown kind {unknown[0]!r}: choose from {', '.join(KINDS)}.")
+
+
+def _check_joints(skins: Sequence[Skin]) -> None:
+    """Check that all joints have a place; the inverse of a frame that is scaled to nothing has none."""
+    for skin in skins:
+        flat = np.flatnonzero(np.linalg.matrix_rank(skin.inverse_bind) < 4)
+        if len(flat):
+            raise MeshError(
+                f"The joint {skin.names[flat[0]]} is scaled to nothing in its rest pose, so it cannot be moved: give "
+                "it a size in the program that wrote the file."
+            )
 
 
 def _transfer_attributes(

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Transfer what changed on a source to an asset that was made from it, along the map stored in the asset.
 
-All else stays, with later edits of the asset: other layers, other shape keys, and weights where the source's are the
-same. Weights of levels of detail are fitted to the source again where they change.
+Everything else is kept, with later edits of the asset: other layers, other shape keys, and weights where the source's
+are the same. Where weights of levels of detail change, they are fitted to the source again.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ Corners: TypeAlias = tuple[Integers, Integers]
 def update_asset(before: Asset, now: Asset, derived: Asset, kinds: Collection[str] = KINDS) -> TransferredAsset:
     """Transfer what changed on a source to an asset that received its data from it.
 
-    Data that did not change on the source stays as it is on the asset, with later edits of it: each layer, each shape
-    key, and the weights of each vertex. Data that the source lost stays, too.
+    Data that did not change on the source is kept on the asset, with later edits: each layer, each shape key, and the
+    weights of each vertex. Data that the source lost is kept, too.
 
     Args:
         before: the source that the asset was made from.
-        now: the source as it is now; it has the shape of before.
+        now: the source as it is now, with the same shape.
         derived: the asset, with its stored map.
         kinds: the kinds to update, of those that the asset received.
 
@@ -87,8 +87,8 @@ def _changed_part(before: Asset, now: Asset, kinds: Collection[str]) -> tuple[As
     """Find the differences between two states of a source.
 
     Returns:
-        The source now, with only those attributes and shape keys of some kinds that differ or are new, and the names
-        of those that it lost.
+        The source now, restricted to attributes and shape keys of some kinds that differ or are new, and the names of
+        those that it lost.
     """
     rest = at_rest(before), at_rest(now)
     corners = _same_corners(*rest)
@@ -110,7 +110,7 @@ def _changed_part(before: Asset, now: Asset, kinds: Collection[str]) -> tuple[As
 
 
 def _update_weights(before: Asset, now: Asset, derived: Asset, there: MapOfSource, here: MapOfSource) -> csr_array:
-    """(k, b) weights of an asset's joints: its own, but those of the source now where the source's have changed.
+    """(k, b) weights of an asset's joints: its own, or the source's where these have changed.
 
     Args:
         before: the source that the asset was made from.
@@ -131,14 +131,14 @@ def _update_weights(before: Asset, now: Asset, derived: Asset, there: MapOfSourc
         states.append(csr_array(skin_weights(source.skin, mapped, limit)[:, columns]))
     assert skin is not None
     changed = abs(states[1] - states[0]).max(axis=1).toarray().ravel() > SAME
-    # Neighbours as well: weights that were transferred in another pose are spread a little differently.
+    # Include neighbours: weights that were transferred in another pose are spread a little differently.
     triangles = derived.surface.triangles
     changed[triangles[changed[triangles].any(axis=1)]] = True
     return _take_rows(states[1], skin.weights, changed)
 
 
 def _fit_changes(now: Asset, level: Asset, match: MapOfSource, weights: csr_array) -> csr_array:
-    """Weights (k, b) of a level of detail that are fitted to the source where they differ from the level's own."""
+    """Fit weights (k, b) of a level of detail to the source where they differ from the level's own."""
     assert level.skin is not None
     assert now.skin is not None
     own, names = csr_array(level.skin.weights), level.skin.names
@@ -155,18 +155,25 @@ def _take_rows(first: csr_array, second: csr_array, chosen: Booleans) -> csr_arr
 
 
 def _weight_limit(before: Asset, derived: Asset) -> int | None:
-    """The largest number of joints of a vertex of an asset, if its source has more; None if it has not."""
+    """The largest number of joints that a vertex of an asset may have. None if this is not limited.
+
+    It is the limit that the asset was made with. Weights are also limited if its vertices have fewer joints than the
+    source's.
+    """
     own, given = (
         0 if each.skin is None else int(np.diff(csr_array(each.skin.weights).indptr).max(initial=0))
         for each in (derived, before)
     )
-    return own if own < given else None
+    assert derived.stored_map is not None
+    limits = [] if derived.stored_map.max_weights is None else [derived.stored_map.max_weights]
+    return min([*limits, own] if own < given else limits, default=None)
 
 
 def changed_kinds(before: Asset, now: Asset, kinds: Collection[str]) -> list[str]:
     """The kinds of data, of some kinds, that differ between two states of an asset, in the order of `KINDS`.
 
-    They are compared in the rest pose of their joints: another pose in the file changes no shape keys and no normals.
+    They are compared in the rest pose of their joints, so that another pose in the file does not count as a change of
+    shape keys and normals.
 
     Raises:
         MeshError: the two have no triangle in common.
@@ -228,7 +235,7 @@ def _named_values(kind: str, asset: Asset, corners: Integers) -> dict[str, Float
 
 
 def _look(asset: Asset) -> list[Any]:
-    """The materials of an asset in full, with their images, to be compared."""
+    """The complete materials of an asset with their images, for a comparison."""
     if asset.look is None:
         return []
     gltf = asset.look.gltf

@@ -7,6 +7,7 @@ import json
 import sys
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
+from dataclasses import dataclass, fields, replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -50,6 +51,29 @@ CACHE = "cache"
 REPLACED = REPORT, PAGE, MAPS, SHAPES, MESHES, SURFACES, CARRIED, CACHE
 # Fractions of the progress at the end of matching and of drawing.
 MATCHED, DRAWN = 0.9, 0.95
+
+
+@dataclass(frozen=True)
+class _Choices:
+    """Options of the command, as its help describes them, besides those of `detail_options`."""
+
+    template: Path | None
+    all_pairs: bool
+    pairs: Path | None
+    neighbours: int | None
+    workers: int | None
+    scheduler: str | None
+    retries: int
+    resume: bool
+    agree: bool
+    pictures: bool
+    transfers: bool
+    force: bool
+    kinds: str
+    ending: str | None
+    blender: str | None
+    partial: str
+    cache: Path | None
 
 
 @click.command()
@@ -116,34 +140,12 @@ MATCHED, DRAWN = 0.9, 0.95
 )
 @json_option
 @detail_options
-def collection(
-    shapes: tuple[Path, ...],
-    output: Path,
-    template: Path | None,
-    all_pairs: bool,
-    pairs: Path | None,
-    neighbours: int | None,
-    workers: int | None,
-    scheduler: str | None,
-    retries: int,
-    resume: bool,
-    agree: bool,
-    pictures: bool,
-    transfers: bool,
-    force: bool,
-    kinds: str,
-    ending: str | None,
-    blender: str | None,
-    partial: str,
-    cache: Path | None,
-    as_json: bool,
-    **accuracy: Any,
-) -> None:
+def collection(shapes: tuple[Path, ...], output: Path, as_json: bool, **options: Any) -> None:
     """Match many shapes, and make their maps agree.
 
-    Each shape is prepared once. FOLDER stands for the meshes and point clouds in it; files may be named, too. The maps
-    are written pair by pair to OUTPUT/maps/SOURCE/TARGET.npz, as `zoomout match` writes them; an interrupted run
-    resumes where it stopped. OUTPUT/report.html shows every shape coloured through its map, the least trusted first.
+    Each shape is prepared once. FOLDER means the meshes and point clouds in it; files may be named, too. The maps are
+    written pair by pair to OUTPUT/maps/SOURCE/TARGET.npz, as `zoomout match` writes them; an interrupted run resumes
+    where it stopped. OUTPUT/report.html shows every shape coloured through its map, the least trusted first.
 
     With --template and --transfer, every mesh is written with the data of the template to OUTPUT/meshes.
 
@@ -151,43 +153,10 @@ def collection(
 
     The exit code is 0 if all went well, 1 if nothing did, and 3 if some did.
     """
+    names = [field.name for field in fields(_Choices)]
+    choices = _Choices(**{name: options.pop(name) for name in names})  # the others are those of `detail_options`
     try:
-        if sum((template is not None, all_pairs, pairs is not None, neighbours is not None)) > 1:
-            raise OptionError("Give only one of --template, --all-pairs, --pairs and --neighbours.")
-        if transfers and template is None:
-            raise OptionError("--transfer copies the data of one shape: choose it with --template.")
-        if output.is_file():
-            raise MeshError(f"{output} is a file: name a folder for the results.")
-        check_output(output / REPORT if output.is_dir() else output)
-        chosen = check_kinds(kinds)
-        files = meshes_of_all(shapes, ENDINGS)
-        check_inputs_outside(inputs_of(*files, *filter(None, (template, pairs))), output, REPLACED)
-        names = [item.name for item in items_of(files)]
-        ending = ending or _usual_ending(template)
-        carries = transfers and _uses_blender(files, template, ending, blender)
-        if transfers and not carries and template is not None:
-            check_source(read_asset(template), str(template), chosen, f".{ending}")
-        choice: dict[str, Any] = {"template": template}
-        if all_pairs or pairs is not None:
-            choice = {"pairs": "all" if pairs is None else read_pairs(pairs, names)}
-        elif template is None:
-            choice = {"neighbours": neighbours or NEIGHBOURS}
-        with _engine(scheduler, workers, retries, len(files)) as engine:
-            if not resume:
-                _forget(output, names)
-            how = {
-                **choice,
-                "options": MatchOptions(**resolve_detail(partial=partial, **accuracy)),
-                "engine": engine,
-                "cache": cache or output / CACHE,
-                "agree": agree,
-                "carries": carries,
-                "blender": blender,
-            }
-            with progress_bar():
-                result, received = _match_all(files, output, how, pictures, chosen if transfers else (), ending, force)
-        if cache is None:
-            remove_shapes(output / CACHE)
+        result, received = _run(shapes, output, choices, options)
     except (ValueError, OSError, ImportError) as error:
         raise click.ClickException(str(error)) from None
     if as_json:
@@ -195,11 +164,69 @@ def collection(
     else:
         for line in lines_of_collection(result):
             tell(line)
-        if pictures and not find_spec("matplotlib"):
+        if choices.pictures and not find_spec("matplotlib"):
             tell(f"No pictures: {install_hint('plots')}.")
         tell(f"Written to {output}; open {output / PAGE}.")
     if result.failures:
         sys.exit(PARTLY if result.records else FAILED)
+
+
+def _run(
+    shapes: tuple[Path, ...], output: Path, choices: _Choices, accuracy: dict[str, Any]
+) -> tuple[CollectionResult, dict[str, list[str]] | None]:
+    """Check the inputs, then match, transfer, draw, and write the report.
+
+    Raises:
+        MeshError: an input is missing or invalid, or the results cannot be written.
+        OptionError: options contradict each other.
+    """
+    template, pairs = choices.template, choices.pairs
+    _check_choices(choices)
+    if output.is_file():
+        raise MeshError(f"{output} is a file: name a folder for the results.")
+    check_output(output / REPORT if output.is_dir() else output)
+    kinds = check_kinds(choices.kinds)
+    files = meshes_of_all(shapes, ENDINGS)
+    check_inputs_outside(inputs_of(*files, *filter(None, (template, pairs))), output, REPLACED)
+    names = [item.name for item in items_of(files)]
+    choices = replace(choices, ending=choices.ending or _usual_ending(template))
+    carries = choices.transfers and _uses_blender(files, choices)
+    if choices.transfers and not carries and template is not None:
+        check_source(read_asset(template), str(template), kinds, f".{choices.ending}")
+    how: dict[str, Any] = {"template": template}
+    if choices.all_pairs or pairs is not None:
+        how = {"pairs": "all" if pairs is None else read_pairs(pairs, names)}
+    elif template is None:
+        how = {"neighbours": choices.neighbours or NEIGHBOURS}
+    with _engine(choices, len(files)) as engine:
+        if not choices.resume:
+            _forget(output, names)
+        how |= {
+            "options": MatchOptions(**resolve_detail(partial=choices.partial, **accuracy)),
+            "engine": engine,
+            "cache": choices.cache or output / CACHE,
+            "agree": choices.agree,
+            "carries": carries,
+            "blender": choices.blender,
+        }
+        with progress_bar():
+            found = _match_all(files, output, how, choices, kinds)
+    if choices.cache is None:
+        remove_shapes(output / CACHE)
+    return found
+
+
+def _check_choices(choices: _Choices) -> None:
+    """Check that options do not contradict each other.
+
+    Raises:
+        OptionError: they do.
+    """
+    template, neighbours = choices.template is not None, choices.neighbours is not None
+    if sum((template, choices.all_pairs, choices.pairs is not None, neighbours)) > 1:
+        raise OptionError("Give only one of --template, --all-pairs, --pairs and --neighbours.")
+    if choices.transfers and not template:
+        raise OptionError("--transfer copies the data of one shape: choose it with --template.")
 
 
 def _forget(output: Path, names: Sequence[str]) -> None:
@@ -218,13 +245,14 @@ def _usual_ending(template: Path | None) -> str:
     return template.suffix[1:].lower() if template is not None and is_of_blender(template) else "glb"
 
 
-def _uses_blender(files: Sequence[Path], template: Path | None, ending: str, program: str | None) -> bool:
+def _uses_blender(files: Sequence[Path], choices: _Choices) -> bool:
     """Whether Blender transfers the data of a template.
 
     Raises:
         MeshError: Blender is needed, but missing.
     """
-    has_to = f".{ending}" in OF_BLENDER or (template is not None and is_of_blender(template))
+    template, program = choices.template, choices.blender
+    has_to = f".{choices.ending}" in OF_BLENDER or (template is not None and is_of_blender(template))
     if not has_to and not any(map(is_of_blender, files)):
         return False
     try:
@@ -236,54 +264,42 @@ def _uses_blender(files: Sequence[Path], template: Path | None, ending: str, pro
     return True
 
 
-def _engine(scheduler: str | None, workers: int | None, retries: int, count: int) -> AbstractContextManager[Engine]:
+def _engine(choices: _Choices, count: int) -> AbstractContextManager[Engine]:
     """The engine: a running cluster, or processes on this machine, at most one per core and shape."""
-    if scheduler is not None:
+    workers = choices.workers
+    if choices.scheduler is not None:
         if workers is not None:
             raise OptionError("A cluster has workers of its own: leave out --workers or --scheduler.")
-        return remote_engine(scheduler, retries)
+        return remote_engine(choices.scheduler, choices.retries)
     if workers is None:
         workers = min(usable_cores(), count) if has_dask() else 1
-    return local_engine(workers, retries)
+    return local_engine(workers, choices.retries)
 
 
 def _match_all(
-    files: Sequence[Path],
-    output: Path,
-    how: dict[str, Any],
-    pictures: bool,
-    kinds: Sequence[str],
-    ending: str,
-    force: bool,
+    files: Sequence[Path], output: Path, how: dict[str, Any], choices: _Choices, kinds: Sequence[str]
 ) -> tuple[CollectionResult, dict[str, list[str]] | None]:
     """Match, transfer, draw, and write the report."""
     with portion(0.0, MATCHED):
         result = match_collection(files, output, **how)
     try:
-        return result, _complete(result, output, how, pictures, kinds, ending, force)
+        return result, _complete(result, output, how["engine"], choices, kinds)
     except (ValueError, OSError) as error:
         raise MeshError(f"{error} The maps are in {output / MAPS}: run the command again to finish.") from error
 
 
 def _complete(
-    result: CollectionResult,
-    output: Path,
-    how: dict[str, Any],
-    pictures: bool,
-    kinds: Sequence[str],
-    ending: str,
-    force: bool,
+    result: CollectionResult, output: Path, engine: Engine, choices: _Choices, kinds: Sequence[str]
 ) -> dict[str, list[str]] | None:
     """Transfer, draw and write the report; returns the notes of a transfer on each target."""
-    received, drawn = None, {}
-    named = how.get("template")
+    received, drawn, named = None, {}, choices.template
     template = next((each.name for each in result.items.values() if named and is_same_file(each.file, named)), None)
     # The next steps read the results as files.
-    engine = how["engine"] if how["engine"].sees([output]) else InThisProcess()
-    if kinds and template is not None:
+    engine = engine if engine.sees([output]) else InThisProcess()
+    if choices.transfers and template is not None and choices.ending is not None:
         with portion(MATCHED, DRAWN):
-            received = carry(result, template, kinds, ending, engine, how["blender"], force)
-    if pictures and find_spec("matplotlib"):
+            received = carry(result, template, kinds, choices.ending, engine, choices.blender, choices.force)
+    if choices.pictures and find_spec("matplotlib"):
         with portion(DRAWN, 1.0):
             drawn = draw(result, template, engine)
     write_reports(result, drawn, received)

@@ -122,7 +122,7 @@ def lods(
                 names, levels = [], make_lods(asset, shares, max_weights)
         first = asset if max_weights is None else with_fewer_weights(asset, max_weights)
         kinds = tuple(kind for kind in KINDS if not (keep_uv and kind == UV))
-        assets = [first, *(_with_map(level, asset, kinds) if keep_map else level.asset for level in levels)]
+        assets = [first, *(_with_map(each, asset, kinds, max_weights) if keep_map else each.asset for each in levels)]
         folder.mkdir(exist_ok=True)
         rows = []
         for number, (each, path) in enumerate(zip(assets, paths, strict=True)):
@@ -152,8 +152,9 @@ def _read_ratios(text: str) -> list[float]:
         raise OptionError(f"--ratios is {text!r}: give shares such as {RATIOS}, separated by commas.") from None
 
 
-def _with_map(level: Level, asset: Asset, kinds: tuple[str, ...]) -> Asset:
-    return replace(level.asset, stored_map=stored_map_of(level.match, asset.surface, kinds, fitted=True))
+def _with_map(level: Level, asset: Asset, kinds: tuple[str, ...], max_weights: int | None) -> Asset:
+    stored = stored_map_of(level.match, asset.surface, kinds, True, max_weights)
+    return replace(level.asset, stored_map=stored)
 
 
 def _figures(path: Path, asset: Asset, level: Level | None, notes: list[str]) -> dict[str, Any]:

@@ -85,6 +85,7 @@ class PairRecord:
         torn: share of the target's area at which the map is torn.
         silent: share of the source's outside on parts from which the target receives almost nothing reliable.
         mirrored: whether the map reverses the orientation.
+        doubtful_vertices: the part of the target's vertices of low confidence.
     """
 
     key: str
@@ -101,11 +102,19 @@ class PairRecord:
     torn: float = 0.0
     silent: float = 0.0
     mirrored: bool = False
+    doubtful_vertices: float = 0.0
 
     @property
     def faults(self) -> Faults:
         """The faults that the verdict on the map depends on."""
-        return Faults(self.torn, self.silent, self.low_confidence, self.share_without_partner, self.mirrored)
+        return Faults(
+            self.torn,
+            self.silent,
+            self.low_confidence,
+            self.share_without_partner,
+            self.mirrored,
+            doubtful_vertices=self.doubtful_vertices,
+        )
 
     @classmethod
     def load(cls, path: Path) -> PairRecord:
@@ -141,6 +150,7 @@ def arrays_of(result: MatchResult, maps: CandidateMaps, key: str, seconds: float
         faults.torn,
         faults.silent,
         faults.mirrored,
+        faults.doubtful_vertices,
     )
     return {
         "confidence": result.confidence,

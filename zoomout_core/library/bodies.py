@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Bodies that stand for a whole character in a library: small meshes of one part, with their descriptors."""
+"""Bodies that represent a whole character in a library: small meshes of one part, with their descriptors."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class BodyTuning(Tuning, set_by="library"):
 
     vertices: int = tuned(2000, "vertices", 100, 10**6)  # of a body
     functions: int = tuned(60, "eigenfunctions", 10, 1000)  # size of the functional map
-    samples: int = tuned(500, "samples", 50, 10_000)  # that it is computed on
+    samples: int = tuned(500, "samples", 50, 10_000)  # number of samples for computing it
 
 
 BODY = BodyTuning()
@@ -40,7 +40,7 @@ HULL, TIGHT_HULL, MAIN_PART = "hull", "tight hull", "main part"
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """A mesh of one part that stands for a character, and its descriptor."""
+    """A mesh of one part that represents a character, and its descriptor."""
 
     vertices: Floats  # (n, 3) in the unit of the character
     triangles: Integers  # (m, 3)
@@ -71,7 +71,7 @@ def match_options() -> MatchOptions:
 def bodies_of(surface: Surface) -> dict[str, Body]:
     """Meshes that represent a surface, by kind: a hull, a tight hull, and the main part if that is most of the surface.
 
-    A tight hull separates limbs that touch, and the main part has them apart in any pose.
+    A tight hull separates touching limbs, and the main part has separate limbs in any pose.
 
     Raises:
         MeshError: the surface cannot be analysed.

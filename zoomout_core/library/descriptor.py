@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Descriptors of bodies that hardly change with pose, mesh and unit: thousands are compared within a second.
+"""Descriptors of bodies that hardly depend on pose, mesh and unit. Thousands are compared within a second.
 
-They are the spectrum of the Laplacian (Shape-DNA; Reuter, Wolter and Peinecke 2006), the geodesic distances between the
-tips of limbs, the volume, and the distribution of mean curvature.
+They consist of the spectrum of the Laplacian (Shape-DNA; Reuter, Wolter and Peinecke 2006), the geodesic distances
+between the tips of limbs, the volume, and the distribution of mean curvature.
 """
 
 from __future__ import annotations
@@ -20,18 +20,18 @@ from zoomout_core.tuning import Tuning, tuned
 
 # Number of quantiles of a distribution.
 QUANTILES = 33
-# Volumes and eigenvalues are at least this, at unit area, so that they have a logarithm.
+# Volumes and eigenvalues are clamped to this minimum, at unit area, before their logarithm is computed.
 SMALLEST = 1e-12
 
 
 @dataclass(frozen=True)
 class DescriptorTuning(Tuning, set_by="library"):
-    """The features of a descriptor, and the differences that count as one."""
+    """The features of a descriptor, and the differences that equal one unit."""
 
     eigenvalues: int = tuned(39, "eigenvalues", 1, 1000)  # after the first, which is zero
     tips: int = tuned(7, "tips", 3, 12)  # maximum number of limbs compared, the most persistent first
     unpaired: float = tuned(0.5, "1", 0, 10)  # cost of the persistence of a tip without a partner
-    # Differences that count as one: the medians over all pairs of a query and an asset.
+    # Differences that equal one unit: the medians over all pairs of a query and an asset.
     spectrum: float = tuned(0.17, "logarithm", 1e-3, 10)  # mean difference of logarithms of eigenvalues
     limbs: float = tuned(0.54, "at unit area", 1e-3, 10)  # cost of the best pairing of tips
     volume: float = tuned(0.24, "logarithm", 1e-3, 10)  # difference of logarithms of volumes
@@ -42,7 +42,7 @@ DESCRIPTOR = DescriptorTuning()
 
 
 class Difference(NamedTuple):
-    """How two descriptors differ, each in units of `DescriptorTuning`."""
+    """The differences of two descriptors, each in units of `DescriptorTuning`."""
 
     spectrum: float
     limbs: float
@@ -104,7 +104,7 @@ def describe(shape: ShapeAnalysis) -> Descriptor:
 
 
 def compare(one: Descriptor, other: Descriptor) -> Difference:
-    """How two descriptors differ; the order does not matter."""
+    """Compare two descriptors; the order does not matter."""
     count = min(len(one.spectrum), len(other.spectrum))
     return Difference(
         float(np.abs(one.spectrum[:count] - other.spectrum[:count]).mean()) / DESCRIPTOR.spectrum,
@@ -115,7 +115,7 @@ def compare(one: Descriptor, other: Descriptor) -> Difference:
 
 
 def _limb_difference(one: Descriptor, other: Descriptor) -> float:
-    """The cost of the best pairing of two shapes' tips, with all of the smaller number or all but one."""
+    """The cost of the best pairing of two shapes' tips, in which at most one tip of the smaller set is unpaired."""
     fewer, more = sorted((one, other), key=lambda each: len(each.persistence))
     single = (np.abs(fewer.average[:, None] - more.average) + np.abs(fewer.persistence[:, None] - more.persistence)) / 2
     mutual = np.abs(fewer.between[:, None, :, None] - more.between[None, :, None, :])

@@ -51,9 +51,9 @@ TRANSFERRED = KINDS[:-1]
 class Carry(StrEnum):
     """The use of a source that was found."""
 
-    NOTHING = "nothing"  # it is only named
-    DATA = "data"  # its data are transferred
-    RIG = "rig"  # the same, and its joints move into the target
+    NOTHING = "nothing"  # only name it
+    DATA = "data"  # transfer its data
+    RIG = "rig"  # also move its joints into the target
 
 
 @dataclass(frozen=True)
@@ -118,17 +118,17 @@ def find_all(
 ) -> FoundForAll:
     """Find the source of each target, and write the target with its data to `targets/NAME.glb` in a folder.
 
-    From a source that only Blender reads, Blender transfers, and writes the target in the format of that source.
+    Blender transfers from a source that only Blender reads, and writes the target in the format of that source.
 
     Args:
         targets: files of meshes, by a name for the results.
         libraries: where the sources are.
         folder: folder of the results, created if missing.
         carry: what to transfer.
-        compare: how many of the nearest assets to match, see `search`.
+        compare: number of nearest assets to match, see `search`.
         parts: also use the other source that is proposed for a part of a target, see `find_part`.
         force: transfer even if the match is probably wrong.
-        resume: keep what an earlier run wrote from the same files.
+        resume: keep results of an earlier run on the same files.
 
     Raises:
         MeshError: a library is not prepared.
@@ -259,7 +259,7 @@ def _transfer_part(
     A match that is probably wrong is not used.
 
     Returns:
-        The skin of the written target, None if it stays as it was, and sentences for the user.
+        The skin of the written target, None if it is unchanged, and sentences for the user.
 
     Raises:
         MeshError: a file cannot be read.
@@ -306,7 +306,7 @@ def _transfer_through_blender(
 
 
 def _stand_up(surface: Surface) -> Surface:
-    """A surface whose z axis is up, as in Blender, with its y axis up, as pictures are drawn."""
+    """Rotate a surface whose z axis is up, as in Blender, so that its y axis is up, as in pictures."""
     return surface.with_vertices(surface.vertices[:, [0, 2, 1]] * [1, 1, -1])
 
 

@@ -20,11 +20,11 @@ from zoomout_core.runtime.input_files import read_whole, reason_of
 from zoomout_core.runtime.outputs import OutputError, atomic_write, check_output
 from zoomout_core.runtime.version import package_version
 
-# To be raised when bodies are computed or stored differently.
+# Increase this when bodies are computed or stored differently.
 FORMAT = 2
 # The list of files, and the names of bodies.
 LIST, STORED = "files.json", re.compile(r"[0-9a-f]{32}\.npz")
-# Between the kind of a body and the name of one of its arrays.
+# Separates the kind of a body from the name of one of its arrays.
 SEPARATOR = "/"
 
 
@@ -39,7 +39,7 @@ class Listed:
 
     @property
     def seen(self) -> tuple[int, int]:
-        """The result of `look_at`: the file is unchanged while it is the same."""
+        """The result of `look_at`: if it is the same, the file is unchanged."""
         return self.size, self.modified
 
     @property
@@ -64,7 +64,7 @@ class Index:
                 name: Listed(each["size"], each["modified"], each["key"], tuple(each["assets"]))
                 for name, each in held["files"].items()
             }
-            # The index may come from elsewhere: it names no files outside its folders.
+            # The index may come from another person: ignore names of files outside its folders.
             named = chain(listed, *(each.assets for each in listed.values()))
             if not all(STORED.fullmatch(f"{each.key}.npz") for each in listed.values()) or any(map(_climbs, named)):
                 return {}
@@ -85,11 +85,11 @@ class Index:
         used = {self._path(key) for each in files.values() for key in each.keys}
         for path in self._folder.iterdir():
             if STORED.fullmatch(path.name) and path not in used:
-                with suppress(OSError):  # another process removed it, or reads it just now
+                with suppress(OSError):  # another process has removed it, or is reading it
                     path.unlink()
 
     def check(self) -> None:
-        """Check, before the work begins, that the index can be written.
+        """Check that the index can be written, before the work begins.
 
         Raises:
             OutputError: its folder cannot be created or written to.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A folder of finished characters, prepared once, in which the best source for a new body is found."""
+"""A folder of finished characters, which is prepared once and searched for the best source for a new body."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class Preparation:
 
 
 class Library:
-    """A folder of assets, with those in folders inside it.
+    """A folder of assets, including those in its subfolders.
 
     Args:
         folder: the folder.
@@ -123,11 +123,11 @@ class Library:
         *,
         progress: Callable[[Progress], object] | None = None,
     ) -> FoundSources:
-        """Find the assets that fit a target, whatever its pose, orientation and unit.
+        """Find the assets that fit a target in any pose, orientation and unit.
 
         Args:
             target: a surface, a point cloud or the path of a file, see `ShapeLike`.
-            compare: match this many of the nearest assets, for example to find another source for its head; by default
+            compare: number of nearest assets to match, for example more to find another source for its head; by default
                 four or fewer.
             progress: called with the `Progress` from time to time, see `zoomout_core.progress`.
 
@@ -154,7 +154,7 @@ class Library:
         return content_key(repr(sorted(self._index.read_list().items())).encode())
 
     def new_files(self) -> list[Path]:
-        """Files of the folder that are not prepared: those added since `prepare`, and those that it skipped."""
+        """Files of the folder that are not prepared: added since `prepare`, or skipped by it."""
         known = self._index.read_list()
         return [path for path in self._files() if self._name(path) not in known]
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Parts of a target, such as its head, that another source fits better than the one that fits the whole best.
+"""Find parts of a target, such as its head, that another source fits better than the best source of the whole.
 
-The joints of the best source divide the target into pieces that are nearly rigid in any pose. A source fits a piece as
-well as one similarity places the piece on it.
+The joints of the best source divide the target into pieces that are nearly rigid in any pose. The fit of a source to a
+piece is measured by the error of the similarity that places the piece on it.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class PartTuning(Tuning, set_by="library"):
-    """When another source is proposed for a part."""
+    """The conditions for proposing another source for a part."""
 
     min_share: float = tuned(0.03, "of the area", 0, 1)  # smallest part of the target, as a share of its area
     max_share: float = tuned(0.5, "of the area", 0, 1)  # largest part
-    piece: int = tuned(20, "vertices of a body", 4, 1000)  # a smaller piece belongs to that of the joint above
+    piece: int = tuned(20, "vertices of a body", 4, 1000)  # smaller pieces are merged with that of the joint above
     poor: float = tuned(0.005, "at unit area", 0, 1)  # mean error of the best source there; less is noise of bodies
     better: float = tuned(0.55, "1", 0, 1)  # error of the other source, relative to that of the best one
 
@@ -47,7 +47,7 @@ BETTER = (
     "To use both, transfer from the latter first, and then from the other one to this joint only."
 )
 
-# Rounds of closest points, which converge within about as many.
+# Rounds of closest points; they converge within about this number.
 ROUNDS = 10
 # Maximum ratio of a part's size on two sources, relative to their bodies. Without a limit, a wrong map may shrink a
 # part to a point, which always fits.
@@ -64,7 +64,7 @@ class FoundPart:
         joint: the joint of the best source that moves the part, with all below it.
         joints: the names of these joints.
         fit: one minus the error of the other source, relative to the size of the part.
-        fit_of_best: the same of the best source.
+        fit_of_best: the same for the best source.
 
     Example:
         >>> part = zo.FoundPart("princess.glb", "hero.glb", "Head", ("Head", "Jaw"), fit=0.992, fit_of_best=0.957)
@@ -90,7 +90,7 @@ def find_part(ranked: Sequence[FoundSource]) -> FoundPart | None:
     """The part of a target that another source fits better by most; None if no part fits much better.
 
     Args:
-        ranked: the sources, the best first. Parts are those of its joints, so it must be a glTF file with a skin.
+        ranked: the sources, the best first. Its joints define the parts, so it must be a glTF file with a skin.
     """
     fitting = [each for each in ranked if each.fits]
     if len(fitting) < 2 or fitting[0].path.suffix.lower() not in GLTF:

@@ -12,9 +12,9 @@ from zoomout_core.colors import place_colors
 from zoomout_core.drawing import draw_upright
 from zoomout_core.geometry.procrustes import procrustes
 from zoomout_core.matching.result import MatchResult
+from zoomout_core.mesh.affine_maps import blend_matrices, transform_points
 from zoomout_core.mesh.decimation import decimate
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.transfer.rigging.skinning import blend_matrices, transform_points
 
 # Pixels of a picture of one shape, and degrees by which it is seen from the side.
 WIDTH, HEIGHT, YAW = 260, 320, 25.0
@@ -25,14 +25,14 @@ MAX_VERTICES = 20_000
 def draw_pair(
     result: MatchResult, width: int = WIDTH, height: int = HEIGHT, blender: bool = False
 ) -> tuple[Bytes, Bytes]:
-    """Draw source and target of a match in the same size and place; equal colours correspond.
+    """Draw source and target of a match at the same size and position; equal colours correspond.
 
     Args:
         result: the match.
         width: width of each picture, in pixels.
         height: its height.
-        blender: whether the source is placed like a target from Blender, whose z axis is up and which looks along -y.
-            Otherwise the target is placed like a source from glTF, whose y axis is up.
+        blender: whether the source is oriented like a target from Blender, whose z axis is up and which faces -y.
+            Otherwise the target is oriented like a source from glTF, whose y axis is up.
 
     Returns:
         (height, width, 3) pixels of the source and of the target, rows from top to bottom.
@@ -54,7 +54,7 @@ def draw_pair(
 
 
 def draw_bound(result: MatchResult, skin: Skin) -> Bytes:
-    """Draw the target of a match as its new skin places it in the file, in the colours of `draw_pair`."""
+    """Draw the target of a match posed by its new skin, in the colours of `draw_pair`."""
     images = result.surface_map.interpolate(result.source.vertices)
     seen = transform_points(blend_matrices(skin.transforms[:, :3], skin.weights), skin.rest)
     return draw_colored(result.target.with_vertices(seen), place_colors(images, result.source.vertices))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The search for the assets that fit a target: descriptors choose a few, and matches between bodies rank these."""
+"""Search for the assets that fit a target: descriptors choose a few, and matches between bodies rank them."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ NOTHING_FITS = (
     "a source by hand."
 )
 NO_ASSETS = "The library has no assets: add files of finished characters, and prepare it again."
-# Why the nearest asset does not fit, by the largest of its differences.
+# The reason why the nearest asset does not fit, by its largest difference.
 REASONS = {
     "spectrum": "its proportions are different",
     "limbs": "its limbs differ in number or length",
@@ -38,18 +38,18 @@ DEFORMED = "the best map onto it deforms the target too much (fit {fit:.0%})"
 UNCERTAIN = "the best map onto it is only {certainty} certain"
 
 
-# Misfit that a difference of one is worth when found assets are sorted. Assets that share a body have equal maps, and
-# only their clothes distinguish them.
+# Misfit that equals a difference of one when found assets are sorted. Assets with the same body have equal maps, and
+# differ in their clothes only.
 TIE = 0.001
 
 
 @dataclass(frozen=True)
 class SearchTuning(Tuning, set_by="library"):
-    """How many assets are matched, and which ones fit."""
+    """The number of assets to match, and the conditions for a fit."""
 
     matched: int = tuned(4, "assets", 1, 1000)  # maximum number of assets that are matched
-    beyond: float = tuned(2.5, "1", 1, 100)  # assets this many times as different as the nearest are not matched
-    max_difference: float = tuned(4.0, "1", 0, 1000)  # larger ones are refused without a match
+    beyond: float = tuned(2.5, "1", 1, 100)  # maximum difference of matched assets, relative to that of the nearest
+    max_difference: float = tuned(4.0, "1", 0, 1000)  # assets with a larger one are refused without a match
     max_distance: float = tuned(0.165, "1", 0, 10)  # of an asset that fits, see `FoundSource.distance`
     per_difference: float = tuned(0.02, "1", 0, 1)  # distance that a difference of one adds to the misfit
     min_certainty: float = tuned(0.5, "probability", 0, 1)  # of the match of an asset that fits
@@ -77,11 +77,11 @@ class FoundSource:
 
     Attributes:
         path: its file, or the asset in a .blend file: `FILE.blend/Collection/Hero`.
-        difference: how much its descriptor differs from the target's; 0.2 to 2.7 for the same body in another pose.
+        difference: difference of its descriptor from the target's; 0.2 to 2.7 for the same body in another pose.
         certainty: the probability, in [0, 1], that the match is right as a whole.
         misfit: the weighted geometric mean of the errors that rank maps. It is mostly 0.04 to 0.11 for the same body in
             another pose, and above 0.12 for another species.
-        match: the match of small bodies that stand for both, for pictures; None if there was none.
+        match: the match of small bodies that represent both, for pictures; None if there was none.
 
     Example:
         >>> zo.FoundSource("hero.glb", difference=0.4, certainty=0.97, misfit=0.06).fits
@@ -101,7 +101,7 @@ class FoundSource:
 
     @property
     def distance(self) -> float:
-        """The misfit, and a share of the difference: maps between similar bodies may deform more."""
+        """The misfit plus a share of the difference: maps between similar bodies may deform more."""
         return self.misfit + SEARCH.per_difference * self.difference
 
     @property
@@ -148,8 +148,8 @@ def search(target: Surface, assets: Sequence[LibraryAsset], compare: int | None 
 
     Args:
         target: the target.
-        assets: where to search.
-        compare: match this many of the nearest assets; by default few, and fewer if the nearest is much nearer.
+        assets: the assets to search.
+        compare: number of nearest assets to match; by default few, and fewer if the nearest is much nearer.
 
     Raises:
         MeshError: the target cannot be analysed.
@@ -197,9 +197,10 @@ def _compare(asset: LibraryAsset, targets: Mapping[str, Body]) -> _Compared:
 
 
 def _closest(compared: Sequence[_Compared], count: int) -> list[_Compared]:
-    """The assets to match, the nearest first by their most similar bodies, and the last by all of its bodies.
+    """The assets to match: the nearest by their most similar bodies, and last the nearest by all of its bodies.
 
-    Bodies of one base mesh differ in few of them, in their pose: the asset of the target's own build may be fifth.
+    Builds of one base mesh differ in few of their bodies, and these depend on the pose. The asset with the target's own
+    build may be only the fifth.
     """
     first = sorted(compared, key=lambda each: each.difference.total)
     closest, rest = first[: max(count - 1, 1)], first[max(count - 1, 1) :]

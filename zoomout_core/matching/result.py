@@ -171,6 +171,7 @@ class MatchResult(Summary):
             self.share_without_partner,
             self.candidates[self.chosen].reverses_orientation,
             1 - self.placed,
+            float((self.confidence < LOW_CONFIDENCE).mean()),
         )
 
     @property

@@ -442,7 +442,23 @@ class _State:
             owner, vertex = owner[free[owner]], vertex[free[owner]]
             if not len(owner):
                 break
-        return chosen
+        return self._keep_regions(chosen, among, around)
+
+    def _keep_regions(self, chosen: Integers, among: _Candidates, around: Lists) -> Integers:
+        """Those of the chosen collapses that together leave enough triangles of each region, the cheapest first."""
+        chosen = np.sort(chosen)
+        which, triangle = around.of(among.tail[chosen])
+        removed = (self.triangles[triangle] == among.head[chosen[which], None]).any(axis=1)
+        collapse, region = which[removed], self.region[triangle[removed]]
+        order = np.argsort(region, kind="stable")
+        collapse, region = collapse[order], region[order]
+        place = np.arange(len(region)) - np.searchsorted(region, region)
+        # Mirror images, which have the same rank, are left out together.
+        rank = among.rank[chosen]
+        left_out = np.isin(rank, rank[collapse[place >= self.spare[region]]])
+        if left_out.all():
+            self.known.fails.ravel()[among.place[chosen]] = True
+        return chosen[~left_out]
 
     def _keeps_form(self, tail: Integers, head: Integers, around: Lists, edges: Edges) -> Booleans:
         """Whether each collapse keeps topology and seams, and turns no triangle over, in the mesh or its chart."""

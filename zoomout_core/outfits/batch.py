@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Dress many avatars in many outfits: each pair of bodies is matched once, and an interrupted run resumes."""
+"""Dress many avatars in many outfits. Each pair of bodies is matched once, and an interrupted run resumes."""
 
 from __future__ import annotations
 
@@ -39,11 +39,11 @@ class DressedFile(NamedTuple):
     """An avatar that was dressed, and written to a file."""
 
     checked: CheckedOutfit  # its clothes
-    triangles: tuple[Integers, Integers]  # those of the body and of the clothes, see `draw_outfit`
+    triangles: tuple[Integers, Integers]  # triangles of the body and of the clothes, see `draw_outfit`
     objects: tuple[tuple[str, int], ...]  # the name of each worn mesh, and the number of its vertices
     joints: int  # number of the outfit's own joints
     notes: tuple[str, ...]  # sentences for the user
-    front: float = 0.0  # degrees about the vertical axis from z to where the avatar looks
+    front: float = 0.0  # degrees about the vertical axis from z to the direction that the avatar faces
 
 
 class AvatarFiles(Protocol):
@@ -55,10 +55,10 @@ class AvatarFiles(Protocol):
         ...
 
     def read_body(self, path: Path, wears: bool) -> Surface:
-        """Read the body of an avatar, which must be told apart from what it wears.
+        """Read the body of an avatar, without the parts that it wears.
 
         Raises:
-            MeshError: the file cannot be read, or its body and clothes cannot be told apart.
+            MeshError: the file cannot be read, or its body and clothes cannot be distinguished.
         """
         ...
 
@@ -67,7 +67,7 @@ class AvatarFiles(Protocol):
         ...
 
     def dress(self, outfit: Path, avatar: Path, map_file: Path, output: Path) -> DressedFile:
-        """Dress an avatar in what another one wears, along the map of their bodies, and write it.
+        """Dress an avatar in the outfit of another one, along the map of their bodies, and write it.
 
         Raises:
             MeshError: a file cannot be read or written.
@@ -87,14 +87,14 @@ class OutfitName(NamedTuple):
 
 @dataclass(frozen=True)
 class Worn:
-    """An outfit on an avatar, in values that JSON can store.
+    """An outfit on an avatar, as values that JSON can store.
 
     Attributes:
         key: a hash of the files, the map, the fitting and the version of this package.
         output: the written file, relative to the folder of the results.
         level: level of the verdict.
         sentence: its reason.
-        advice: what to do.
+        advice: advice for the user.
         inside: the share of the cloth that is in the skin, in each pose.
         stretched: the share of its edges that are stretched.
         objects: names of the worn meshes.
@@ -125,8 +125,8 @@ class OutfitsResult:
 
     Attributes:
         folder: folder of the results.
-        worn: how each outfit fits each avatar.
-        failures: what failed and why, by the name of a file or of an outfit on an avatar.
+        worn: the fit of each outfit to each avatar.
+        failures: reasons for failures, by the name of a file or of an outfit on an avatar.
         matched: the number of pairs of bodies that were matched in this run.
         dressed: the number of avatars that were written in this run.
     """
@@ -152,9 +152,9 @@ def dress_all(
 
     Args:
         outfits: files of dressed avatars.
-        avatars: files of avatars to dress; their own clothes stay.
+        avatars: files of avatars to dress; they keep their own clothes.
         folder: folder of the results, created if missing.
-        files: their format, and how to fit.
+        files: their format, and options of the fit.
         options: options of every match.
         cache: folder of prepared bodies.
         engine: runs the tasks; None for this process.
@@ -199,7 +199,7 @@ def dress_all(
 
 
 def _names(files: Iterable[Path]) -> dict[Path, str]:
-    """A name for each file: without extension, unless two would be equal."""
+    """A name for each file: without its extension, unless two names would be equal."""
     found: dict[Path, str] = {}
     for path in files:
         taken = set(found.values()) - {found.get(path)}
@@ -255,7 +255,7 @@ def _match_bodies(
 
 
 def _verdict(matches: CollectionResult, bodies: tuple[str, str]) -> Verdict | str:
-    """The verdict on the match of two bodies, or why there is none."""
+    """The verdict on the match of two bodies, or the reason why there is no match."""
     pair = next((each for each in matches.records if tuple(each) == bodies), None)
     if pair is not None:
         return matches.verdict(pair)
@@ -272,7 +272,7 @@ def dress_file(
     files: AvatarFiles,
     verdict: Verdict,
 ) -> tuple[Worn, bool]:
-    """Dress an avatar in an outfit, and write it with a picture, unless that is done; returns whether it was new.
+    """Dress an avatar in an outfit, and write it with a picture, unless both exist. Returns whether it was new.
 
     Args:
         outfit: the file of a dressed avatar.
@@ -280,7 +280,7 @@ def dress_file(
         name: names of both.
         bodies: names of their bodies.
         folder: folder of the results.
-        files: their format, and how to fit.
+        files: their format, and options of the fit.
         verdict: the verdict on the match of the bodies.
 
     Raises:

@@ -13,26 +13,26 @@ from scipy.sparse import csr_array
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.assets.asset import Asset
 from zoomout_core.matching.report.verdict import AMBER, GREEN, Verdict
+from zoomout_core.mesh.affine_maps import blend_matrices, transform_points
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import edge_lengths, unique_edges
 from zoomout_core.messages import message
 from zoomout_core.outfits.dress_avatar import DressedAvatar
 from zoomout_core.transfer.dressing.contact import SidedSurface
 from zoomout_core.transfer.rigging.poses import extend_poses, find_limbs, pose_of_turns
-from zoomout_core.transfer.rigging.skinning import blend_matrices, transform_points
 
-# The poses, and the axes that limbs turn about in them; y is up. In one, limbs swing to the front and back, in the
+# The poses, and the axes about which limbs rotate in them; y is up. In one pose, limbs swing forward and back, in the
 # other one to the sides.
 REST, SWING, SPREAD = "rest", "swing", "spread"
 AXES: Mapping[str, tuple[float, float, float]] = {SWING: (1, 0, 0), SPREAD: (0, 0, 1)}
 UP = 1
-# Degrees by which each limb turns.
+# Degrees by which each limb rotates.
 ANGLE = 30.0
 # Cloth is in the skin if it is deeper than this share of the height: a millimetre for an adult.
 DEEP = 6e-4
-# An edge is stretched if it is this many times as long as before, relative to the growth of the body.
+# An edge is stretched if it grows by this factor, relative to the growth of the body.
 STRETCHED = 2.0
-# Largest shares of a green verdict, of places at rest, of places in a pose, and of edges.
+# Maximum shares for a green verdict: of places at rest, of places in a pose, and of edges.
 MAX_INSIDE, MAX_INSIDE_POSED, MAX_STRETCHED = 0.001, 0.01, 0.001
 INSIDE = "{share:.1%} of the cloth is in the skin."
 INSIDE_POSED = "{share:.1%} of the cloth is in the skin when limbs move."
@@ -41,7 +41,7 @@ LOOK = "Look at the pictures: it is marked red there."
 
 
 class RiggedSurface(NamedTuple):
-    """A surface at rest, and how joints move it."""
+    """A surface at rest, and its skin weights."""
 
     surface: Surface
     parents: Integers | None  # (b,) the number of each joint's parent, -1 for none; None if it is not bound
@@ -53,7 +53,7 @@ class CheckedOutfit:
     """The figures of clothes on an avatar.
 
     Attributes:
-        inside: the share of places of the cloth, in each pose, that are in the skin, and were not on the other body.
+        inside: the share of places of the cloth, in each pose, that are in the skin here, but not on the other body.
         stretched: the share of its edges that are stretched.
         bodies: (n_t, 3) the body in each pose.
         clothes: (n, 3) the cloth in each pose.
@@ -68,7 +68,7 @@ class CheckedOutfit:
 
     @property
     def verdict(self) -> Verdict:
-        """Whether to use the clothes, if the match of the bodies is right."""
+        """The verdict on the clothes, assuming that the match of the bodies is right."""
         posed = max((share for pose, share in self.inside.items() if pose != REST), default=0.0)
         cases = (
             (self.inside[REST] > MAX_INSIDE, message(INSIDE, share=self.inside[REST])),
@@ -135,7 +135,7 @@ def _depths(body: Surface, skin: Floats, cloth: Surface, points: Floats) -> Floa
 
 
 def _pose(name: str, parents: Integers, heads: Floats) -> Floats:
-    """(b, 3, 4) transforms of joints with heads (b, 3) to a pose: each limb turns where it begins."""
+    """(b, 3, 4) transforms of joints with heads (b, 3) to a pose: each limb rotates about its first joint."""
     limbs = find_limbs(heads, parents, UP)
     turns = np.radians(ANGLE) * (limbs.root * limbs.side)[:, None] * np.array(AXES[name])
     return pose_of_turns(turns, heads, parents)

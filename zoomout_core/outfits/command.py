@@ -27,7 +27,7 @@ from zoomout_core.outfits.batch import (
 from zoomout_core.outfits.report import write_reports
 from zoomout_core.runtime.outputs import check_inputs_outside, check_output
 
-# Folder in the results that exists until all is done.
+# Folder in the results that is deleted at the end.
 CACHE = "cache"
 # Places in the results that a run replaces.
 REPLACED = REPORT, PAGE, MAPS, SHAPES, BODIES, FITS, DRESSED, PICTURES, RECORDS, CACHE
@@ -36,7 +36,7 @@ REPLACED = REPORT, PAGE, MAPS, SHAPES, BODIES, FITS, DRESSED, PICTURES, RECORDS,
 def find_avatars(
     outfits: Path, avatars: Sequence[Path], output: Path, endings: Collection[str]
 ) -> tuple[list[Path], list[Path]]:
-    """The files of outfits and of avatars, after checking that results can be written to a folder beside them.
+    """Find the files of outfits and of avatars, and check that results can be written to a folder.
 
     Raises:
         MeshError: a file or folder does not exist, or is empty, or the output is a file.
@@ -66,7 +66,7 @@ def dress_files(
         outfits: files of dressed avatars.
         avatars: files of avatars to dress.
         output: folder of the results.
-        files: their format, and how to fit.
+        files: their format, and options of the fit.
         options: options of every match.
         engine: runs the tasks; None for this process.
         resume: whether to reuse results of an earlier run.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Dress an avatar in what another one wears: fitted, with keys that follow the body, and bound to its own joints."""
+"""Dress an avatar in the outfit of another one: fitted, bound to its joints, and with keys that follow the body."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from zoomout_core.arrays import Floats
 from zoomout_core.assets.asset import NORMALS, SHAPE_KEYS, Asset
 from zoomout_core.assets.gltf.append import NewJoint
 from zoomout_core.assets.gltf.springs import Partner
+from zoomout_core.mesh.affine_maps import normalise
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import unit_vectors
 from zoomout_core.messages import warning
@@ -25,9 +26,9 @@ from zoomout_core.transfer.dressing.body_keys import follow_keys
 from zoomout_core.transfer.dressing.dress import Dressed, carry, clear_in_poses
 from zoomout_core.transfer.dressing.posed_contact import PosedBody
 from zoomout_core.transfer.rigging.poses import extend_poses, gentle_poses
-from zoomout_core.transfer.rigging.skinning import normalise, renumber_bones
+from zoomout_core.transfer.rigging.skinning import renumber_bones
 
-# Fractions of the progress at the end of the fit, and of its change for poses; then objects follow keys.
+# Fractions of the progress at the end of the fit, and of its correction in poses. Then body keys are added.
 FITTED, CLEARED = 0.3, 0.5
 # The axis that points up.
 UP = 1
@@ -38,10 +39,10 @@ class DressedAvatar:
     """Clothes on an avatar.
 
     Attributes:
-        clothes: with the places, keys and skin that they have there. The nodes of the skin are those of the avatar's
-            document, and then the new joints.
+        clothes: the clothes with their positions, keys and skin on the avatar. The nodes of the skin are those of the
+            avatar's document, followed by the new joints.
         joints: the outfit's own joints, for the avatar's document.
-        partners: the avatar's node for the other nodes of the outfit.
+        partners: the avatar's node for each other node of the outfit.
         notes: sentences for the user.
     """
 
@@ -61,15 +62,15 @@ def dress_avatar(
     stiffness: float = 0.5,
     gap: float = 0.0,
 ) -> DressedAvatar:
-    """Dress an avatar in what another one wears.
+    """Dress an avatar in the outfit of another one.
 
     Args:
         shape: (n, 3) the vertices of the body that wears it in the shape of the body to dress, see `shape_of_source`.
         source: the body that wears it.
-        worn: what it wears, of the same file.
+        worn: the outfit, of the same file.
         target: the body to dress, of another file.
         keep: patterns of the names of its meshes or materials that keep their form, such as `Buckle*`.
-        stiffness: how far soft objects keep their form, see `dress`.
+        stiffness: stiffness of soft objects, see `dress`.
         gap: minimum distance from the skin, see `dress`.
     """
     objects = _objects(worn)
@@ -92,7 +93,7 @@ def dress_avatar(
 
 
 def _turn(asset: Asset, turns: Floats) -> Asset:
-    """An asset with shape keys and normals turned by matrices (n, 3, 3) of its vertices."""
+    """Rotate the shape keys and normals of an asset by matrices (n, 3, 3) of its vertices."""
     attributes = []
     for each in asset.attributes:
         values = np.asarray(each.values)
@@ -120,13 +121,13 @@ def _objects(worn: Asset) -> list[Surface]:
 
 
 def _place(worn: Asset, dressed: Dressed) -> Asset:
-    """The worn object, where it was fitted."""
+    """The worn object at its fitted position."""
     moved = replace(worn, surface=worn.surface.with_vertices(np.concatenate(dressed.vertices)))
     return _turn(moved, np.concatenate(dressed.turns))
 
 
 def _clear_in_poses(dressed: Dressed, clothes: Asset, target: Asset) -> Dressed:
-    """Objects that also stay outside of a body in poses of its joints, given their skin; without one, as they are."""
+    """Keep objects outside a body in poses of its joints, by their skin; without a skin, they are unchanged."""
     if clothes.skin is None or target.skin is None or target.document is None:
         return dressed
     heads = target.document.worlds()[0][target.skin.nodes, :3, 3]
@@ -142,7 +143,7 @@ def _clear_in_poses(dressed: Dressed, clothes: Asset, target: Asset) -> Dressed:
 def _add_body_keys(
     clothes: Asset, target: Asset, objects: list[Surface], dressed: Dressed, masks: Sequence[Floats]
 ) -> Asset:
-    """Add a key for each of the body's that moves the clothes; it replaces one of the same name."""
+    """Add a key for each key of the body that moves the clothes. It replaces one of the same name."""
     of_body, own = target.find(SHAPE_KEYS), clothes.find(SHAPE_KEYS)
     if of_body is None:
         return clothes

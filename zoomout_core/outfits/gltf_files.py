@@ -14,9 +14,9 @@ from zoomout_core.assets.asset import Asset
 from zoomout_core.assets.files import AVATAR, read_asset
 from zoomout_core.assets.gltf.append import append_to_gltf
 from zoomout_core.assets.gltf.compress import compress_gltf
-from zoomout_core.assets.gltf.document import VRM_0
 from zoomout_core.collection.shapes import content_key
 from zoomout_core.maps.known_match import KnownMatch
+from zoomout_core.mesh.formats.gltf_document import VRM_0
 from zoomout_core.mesh.formats.opening import file_bytes
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.outfits.batch import FITS, DressedFile
@@ -31,15 +31,15 @@ from zoomout_core.transfer.dressing.dress import shape_of_source
 
 # Extensions of avatar files.
 ENDINGS = (".glb", ".gltf", ".vrm")
-# Avatars in VRM 0 look along -z, others along z: degrees between both.
+# Avatars in VRM 0 face -z, others z: degrees between both.
 BACKWARDS = 180.0
-# Fraction of the progress at the end of shaping a body, of dressing an avatar.
+# Fraction of the progress of dressing an avatar at the end of shaping the body.
 SHAPED = 0.4
 
 
 @dataclass(frozen=True)
 class GltfFiles:
-    """Avatars in glTF and VRM files, and how they are dressed: `AvatarFiles`.
+    """`AvatarFiles` for glTF and VRM, and the options of the fit.
 
     Attributes:
         body: patterns of the names of the parts of bodies, see `split_avatar`.
@@ -47,7 +47,7 @@ class GltfFiles:
         stiffness: see `dress`.
         gap: see `dress`.
         force: write avatars even if the match is probably wrong.
-        compression: how to compress avatars, see `compress_gltf`; those in VRM are not compressed.
+        compression: how to compress avatars, see `compress_gltf`; VRM files are not compressed.
     """
 
     body: tuple[str, ...] = ()
@@ -103,7 +103,7 @@ def _read(path: Path) -> Asset:
 
 
 def _shape_of_source(map_file: Path, source: Surface, target: Surface) -> Floats:
-    """(n, 3) the vertices of a body in the shape of another one, computed once for each map, and kept in a file."""
+    """(n, 3) the vertices of a body in the shape of another one, computed once for each map and cached in a file."""
     place = map_file.parents[2] / FITS / map_file.parent.name / map_file.name
     key = bytes.fromhex(content_key(repr((file_bytes(map_file), package_version())).encode()))
     with suppress(FileNotFoundError, ArrayFileError, KeyError):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The body and the worn parts of an avatar file, told apart by the names of its meshes and materials."""
+"""Split an avatar file into its body and its worn parts, by the names of its meshes and materials."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ class AvatarParts(NamedTuple):
     """An avatar file in two parts.
 
     Attributes:
-        body: the body; all of the file if nothing is worn.
-        worn: what it wears; None if nothing is.
+        body: the body; the whole file if nothing is worn.
+        worn: the parts that it wears; None without any.
     """
 
     body: Asset
@@ -44,16 +44,16 @@ class AvatarParts(NamedTuple):
 
 
 def split_avatar(asset: Asset, body: Sequence[str] = (), *, wears: bool = True) -> AvatarParts:
-    """Split an avatar file into its body and what it wears.
+    """Split an avatar file into its body and its worn parts.
 
     Args:
         asset: the file.
-        body: patterns of the names of meshes or materials of the body, such as `Body*`; by words in these names, when
-            not given.
+        body: patterns of the names of meshes or materials of the body, such as `Body*`. If omitted, words in these
+            names decide.
         wears: whether it must have both. If not, parts of unknown names belong to the body.
 
     Raises:
-        MeshError: it must have both, and has not.
+        MeshError: it must have both, but does not.
     """
     names, part = _named_parts(asset)
     of_body = np.array(are_of_body(names, body, wears=wears))[part]
@@ -61,12 +61,12 @@ def split_avatar(asset: Asset, body: Sequence[str] = (), *, wears: bool = True) 
 
 
 def are_of_body(names: Sequence[Sequence[str]], body: Sequence[str] = (), *, wears: bool = True) -> list[bool]:
-    """Whether parts of an avatar are of its body, by their names, for each part the most telling one first.
+    """Whether parts of an avatar belong to its body, by the names of each part, the most significant one first.
 
     For the other arguments, see `split_avatar`.
 
     Raises:
-        MeshError: it must have a body and something worn, and has not.
+        MeshError: it must have a body and worn parts, but does not.
     """
     found = [_is_of_body(each, body) for each in names]
     known = [(not wears) if kind is None else kind for kind in found]
@@ -80,7 +80,7 @@ def are_of_body(names: Sequence[Sequence[str]], body: Sequence[str] = (), *, wea
 
 
 def mask_of(asset: Asset, patterns: Sequence[str]) -> Floats:
-    """(n,) 1 at vertices of meshes or materials whose names match one of some patterns, else 0."""
+    """A mask (n,): 1 at vertices of meshes or materials whose names match one of some patterns, otherwise 0."""
     surface, (names, part) = asset.surface, _named_parts(asset)
     chosen = np.array([matches(name, patterns) for name in names])[part]
     mask = np.zeros(len(surface.vertices))
@@ -103,7 +103,7 @@ def _named_parts(asset: Asset) -> tuple[list[tuple[str, str]], Integers]:
 
 
 def _is_of_body(names: Sequence[str], patterns: Sequence[str]) -> bool | None:
-    """Whether a part is of the body; None if its names do not tell."""
+    """Whether a part belongs to the body; None if its names are not known."""
     if patterns:
         return matches(names, patterns)
     for name in names:
@@ -116,7 +116,7 @@ def _is_of_body(names: Sequence[str], patterns: Sequence[str]) -> bool | None:
 
 
 def keep_faces(asset: Asset, chosen: Booleans) -> Asset:
-    """The faces (f,) of an asset that are chosen, with their vertices and data."""
+    """Keep chosen faces (f,) of an asset, with their vertices and data."""
     surface = asset.surface
     faces = np.flatnonzero(chosen)
     owner, corners = expand_ranges(surface.face_start[faces], surface.face_start[faces + 1])

@@ -14,7 +14,7 @@ from zoomout_core.outfits.check import REST, CheckedOutfit
 
 # Pixels of a picture.
 WIDTH, HEIGHT = 200, 320
-# Degrees by which poses are seen from the side.
+# Degrees by which the view of poses is rotated to the side.
 YAW = 25.0
 # Colours of skin, and of the worn objects in turn; red marks cloth in the skin.
 SKIN = np.array([0.86, 0.72, 0.63])
@@ -29,9 +29,9 @@ def draw_outfit(
 
     Args:
         checked: the body and the clothes in each pose.
-        triangles: those of the body and of the clothes, each with its own vertex numbers.
+        triangles: triangles of the body and of the clothes, each with its own vertex numbers.
         counts: the number of vertices of each worn object.
-        front: degrees about the vertical axis from z to where the avatar looks.
+        front: degrees about the vertical axis from z to the direction that the avatar faces.
 
     Returns:
         (height, width, 3) pixels, rows from top to bottom.
@@ -43,7 +43,7 @@ def draw_outfit(
 
 
 def _draw(checked: CheckedOutfit, pose: str, yaw: float, triangles: Integers, counts: Sequence[int]) -> Bytes:
-    """A picture of a pose, turned about the vertical axis, in degrees."""
+    """Draw a pose, rotated about the vertical axis by some degrees."""
     body, cloth = checked.bodies[pose], checked.clothes[pose]
     colors = np.concatenate([np.tile(SKIN, (len(body), 1)), _colors(checked.marks[pose], counts)])
     return draw_upright(np.concatenate([body, cloth]), triangles, colors, yaw, WIDTH, HEIGHT)

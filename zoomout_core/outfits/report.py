@@ -17,7 +17,7 @@ from zoomout_core.runtime.outputs import atomic_write
 
 
 def figures_of_outfits(result: OutfitsResult) -> dict[str, Any]:
-    """How the outfits fit, in values that JSON can store; those to look at come first."""
+    """The fit of the outfits, as values that JSON can store; those to check come first."""
     rows = []
     for name, worn in _in_order(result):
         row = asdict(worn)

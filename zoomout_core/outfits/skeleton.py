@@ -22,6 +22,7 @@ from zoomout_core.assets.skeletons import make_unique, skeleton_of
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.geometry.procrustes import Similarities, nearest_rotations
 from zoomout_core.maps.surface_map import interpolation_matrix
+from zoomout_core.mesh.affine_maps import normalise
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.messages import message, warning
 from zoomout_core.transfer.dressing.body_weights import WeightedBody, follow_weights
@@ -29,7 +30,7 @@ from zoomout_core.transfer.dressing.joint_alignment import JointPairs, align_joi
 from zoomout_core.transfer.rigging.bone_pairs import pair_bones
 from zoomout_core.transfer.rigging.joints import motions_around, move_joints
 from zoomout_core.transfer.rigging.poses import parents_first
-from zoomout_core.transfer.rigging.skinning import matrices_of, normalise, renumber_bones
+from zoomout_core.transfer.rigging.skinning import matrices_of, renumber_bones
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +40,7 @@ class BoundClothes:
     Attributes:
         clothes: the clothes.
         joints: the outfit's own joints, to be added to the avatar's document.
-        partners: the avatar's node for the other nodes of the outfit: that of the nearest joint at or above each.
+        partners: the avatar's node for each other node of the outfit, that of the nearest joint at or above it.
         notes: sentences for the user.
     """
 
@@ -51,12 +52,12 @@ class BoundClothes:
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """How clothes and the body below them were moved.
+    """The fit of clothes, and of the body below them, to another body.
 
     Attributes:
         body: the body that wore them.
         shape: (n, 3) its vertices in the shape of the other body.
-        objects: what it wore, in the order of the clothes' vertices.
+        objects: the worn objects, in the order of the clothes' vertices.
         fitted: for each of these (n, 3) its vertices on the other body.
         keep: for each of these (n,) weights of the vertices that keep their form.
     """
@@ -72,8 +73,8 @@ def bind_clothes(clothes: Asset, fit: Fit, target: Asset) -> BoundClothes:
     """Bind clothes to the joints of another avatar.
 
     Args:
-        clothes: where they were fitted, with the skin that they had.
-        fit: how they were fitted.
+        clothes: the fitted clothes, with their original skin.
+        fit: their fit.
         target: the body of the avatar.
     """
     if target.skin is None or target.document is None:
@@ -121,7 +122,7 @@ def align_avatars(shape: Floats, source: Asset, target: Asset) -> Floats:
 
 
 def move_skinned(clothes: Asset, skin: Skin | None) -> Asset:
-    """Clothes with a skin that was made for other positions of their vertices."""
+    """Adapt the skin of clothes to other positions of their vertices."""
     if skin is None:
         return replace(clothes, skin=None)
     rest, linear = to_rest(clothes.surface.vertices, skin.weights, skin.transforms)
@@ -129,7 +130,7 @@ def move_skinned(clothes: Asset, skin: Skin | None) -> Asset:
 
 
 def _skin_of_body(surface: Surface, body: Surface, skin: Skin) -> Skin:
-    """A skin for a surface without one: the weights of the nearest places of the body."""
+    """Make a skin for a surface without one, with the weights of the nearest points of the body."""
     triangle, barycentric = closest_points(surface.vertices, body.vertices, body.triangles)
     nearest = interpolation_matrix(body.triangles[triangle], barycentric, len(body.vertices))
     weights = normalise(csr_array(nearest @ skin.weights))
@@ -138,7 +139,7 @@ def _skin_of_body(surface: Surface, body: Surface, skin: Skin) -> Skin:
 
 
 def _moving(skin: Skin) -> Booleans:
-    """(b,) which joints move something, themselves or by those below them."""
+    """(b,) the joints that move something, directly or through joints below them."""
     moving = np.isin(np.arange(len(skin.names)), skin.weights.indices[skin.weights.data > 0])
     for joint in reversed(parents_first(skin.parents)):
         if skin.parents[joint] >= 0:
@@ -147,7 +148,7 @@ def _moving(skin: Skin) -> Booleans:
 
 
 def _pair_joints(clothes: Asset, own: Booleans, fit: Fit, target: Asset) -> dict[int, int]:
-    """The avatar's joint for each joint of the clothes that has a partner and is not their own."""
+    """The avatar's joint for each joint of the clothes that has a partner and does not move clothes alone."""
     size = float(np.ptp(target.surface.vertices, axis=0).max())
     heads = move_joints(fit.body.surface, fit.shape, _heads(clothes)).positions
     sides = [(clothes, ~own, heads), (target, _moving(target.skin), _heads(target))]  # type: ignore[arg-type]
@@ -198,7 +199,7 @@ def _matrices(motions: Similarities) -> Floats:
 def _copy_joints(
     clothes: Asset, own: Booleans, fit: Fit, target: Asset, pairs: Mapping[int, int]
 ) -> tuple[tuple[NewJoint, ...], dict[int, int], list[int]]:
-    """Copy the outfit's own joints, with the nodes that hang from them, such as ends of chains.
+    """Copy the outfit's own joints, with the nodes below them, such as ends of chains.
 
     Returns:
         The joints, the number of each copied node in the outfit's document, and the number of its parent joint in the
@@ -248,7 +249,7 @@ def _copy_joints(
 
 
 def _wearers(clothes: Asset, own: Booleans) -> dict[int, int]:
-    """The number of the object that each of the outfit's own joints belongs to: that which its chain moves most."""
+    """The number of the object that each of the outfit's own joints belongs to: the one that its chain moves most."""
     assert clothes.skin is not None
     ends, skin = np.cumsum([0, *(count for _, count in clothes.objects)]).tolist(), clothes.skin
     moved = np.array([np.asarray(skin.weights[start:stop].sum(axis=0)) for start, stop in pairwise(ends)])

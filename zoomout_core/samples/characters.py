@@ -17,18 +17,18 @@ from scipy.spatial.transform import Rotation
 from zoomout_core.arrays import Floats
 from zoomout_core.assets.asset import COLOR, UV, Asset, Material, Skin, material_numbers
 from zoomout_core.assets.files import write_asset
-from zoomout_core.assets.gltf.document import Buffer, Document, library
 from zoomout_core.colors import place_colors
 from zoomout_core.drawing import encode_png
+from zoomout_core.mesh.affine_maps import blend_matrices, transform_points
 from zoomout_core.mesh.decimation import decimate
 from zoomout_core.mesh.formats.files import read_surface
+from zoomout_core.mesh.formats.gltf_document import Buffer, Document, library
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import unit_vectors
 from zoomout_core.mesh.voxel_remesh import voxel_remesh
 from zoomout_core.runtime.outputs import OutputError, atomic_write
 from zoomout_core.samples.creatures import FLAT, LIMBS, NAMES, Creature, at_rest, creature, limb_weights, true_vertex
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
-from zoomout_core.transfer.rigging.skinning import blend_matrices, transform_points
 
 if TYPE_CHECKING:
     from pygltflib import GLTF2

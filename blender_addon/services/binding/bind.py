@@ -53,7 +53,7 @@ class Bound:
         seen: (n_t, 3) its present positions, in world space.
         rest: its rest pose.
         notes: sentences for the user.
-        stretched: (n_t,) vertices at edges that stretch too far when the bones turn.
+        stretched: (n_t,) vertices at edges that stretch too far when the bones rotate.
         rig: the bones of a copy of the armature; None to bind it to the armature itself.
     """
 

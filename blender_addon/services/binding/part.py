@@ -30,7 +30,7 @@ from ...scene.pair import find_mesh, writing
 from ...scene.stored_pair import stored_pair
 from ...storage.stored_match import Match
 from ..constraints import check_options
-from ..matching.made_match import CALL_WITH_FORCE, find_match, push_match, store_and_stop
+from ..matching.made_match import BY_SCRIPT, MatchUse, find_match, push_match, store_and_stop
 from .read import Rigged, read_rigged, weights_of_bones
 
 # Fraction of the progress for a new match.
@@ -66,7 +66,9 @@ class AddedBones:
         )
 
 
-def add_bones(context: Context, source: Object, target: Object, mask_group: str, **match_options: Any) -> AddedBones:
+def add_bones(
+    context: Context, source: Object, target: Object, mask_group: str, *, force: bool = False, **match_options: Any
+) -> AddedBones:
     """Add the bones of a source that move a part of a target to the target's own armature.
 
     Bones of the same name, or the same humanoid bone, are shared: those of the target stay where they are. Others are
@@ -77,8 +79,9 @@ def add_bones(context: Context, source: Object, target: Object, mask_group: str,
         context: Blender's; both objects are in its scene.
         source: an object that one armature deforms.
         target: an object that another armature deforms.
-        mask_group: the vertex group of the target with its share of the source's weights; that of a bone stands for all
-            bones below it, too.
+        mask_group: the vertex group of the target with its share of the source's weights. The group of a bone includes
+            those of all bones below it.
+        force: whether to use a new match even if it is probably wrong.
         match_options: options of `match_objects`, for a new match.
 
     Raises:
@@ -86,7 +89,8 @@ def add_bones(context: Context, source: Object, target: Object, mask_group: str,
             name of another bone of the target; nothing was written.
         TypeError: an option of the match is unknown.
     """
-    return run(add_bones_async(context, source.name, target.name, mask_group, **match_options))
+    use = MatchUse(force=force)
+    return run(add_bones_async(context, source.name, target.name, mask_group, use, **match_options))
 
 
 async def add_bones_async(
@@ -94,10 +98,7 @@ async def add_bones_async(
     source: str,
     target: str,
     mask_group: str,
-    adjusted: bool = False,
-    force: bool = False,
-    remedy: str = CALL_WITH_FORCE,
-    undo_step: bool = False,
+    use: MatchUse = BY_SCRIPT,
     **match_options: Any,
 ) -> AddedBones:
     """Like `add_bones`, by the names of the objects, without blocking the window; see `prepare_transfer`."""
@@ -111,9 +112,9 @@ async def add_bones_async(
         )
     mask = _read_mask(find_mesh(context, target), context.scene.objects[own_armature], mask_group)
     pair = await stored_pair(context, source, target)
-    found = await find_match(context, pair, MATCHING, adjusted, force, match_options)
+    found = await find_match(context, pair, MATCHING, use, match_options)
     if found.refused is not None:
-        store_and_stop(context, pair, found.refused, found.settings, remedy, undo_step)
+        store_and_stop(context, pair, found.refused, found.settings, use)
     rigged, part = read_rigged(context, pair), _read_part(context, pair, armature, own_armature, mask)
     with portion(MATCHING, 1):
         shared, bones = await compute(partial(_prepare, found.match, pair, rigged, part))
@@ -124,7 +125,7 @@ async def add_bones_async(
     }
     with writing(context, pair) as (_, obj):
         found.store(obj.data, pair)
-        if found.is_new and undo_step:
+        if found.is_new and use.undo_step:
             push_match()
         mesh_data.update_weights(obj, *_weights_with(part, shared, bones.names))
         obj.data.update()

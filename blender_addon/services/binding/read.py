@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Read what armatures do to sources: rest pose, bones, weights and animation."""
+"""Read the rest pose, bones, weights and animation of sources with armatures."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def read_sources_at_rest(context: Context, pair: ObjectPair) -> Floats:
 
 
 def weights_of_target(context: Context, pair: ObjectPair, bones: Bones, weights: Attribute) -> csr_array:
-    """(n_t, b) bone weights that the target will have: transferred ones, else its own."""
+    """(n_t, b) bone weights that the target will have: transferred ones, or otherwise its own."""
     target = find_mesh(context, pair.target_name)
     return weights_of_bones([weights, mesh_data.read_weights(target, target.data)], bones)
 

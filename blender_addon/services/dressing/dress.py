@@ -21,7 +21,7 @@ from ...scene.pair import check_not_edited, find_mesh
 from ...scene.stored_pair import stored_pair
 from ...storage import stored_match
 from ..constraints import check_options
-from ..matching.made_match import CALL_WITH_FORCE, find_match, store_and_stop
+from ..matching.made_match import BY_SCRIPT, MatchUse, find_match, store_and_stop
 from ..targets import Write
 from .fit import fit_worn, notes_on_hidden_skin, notes_on_stretch
 from .read import READING, Dressing, check_unchanged, read_fitting, read_worn_object
@@ -37,12 +37,14 @@ def dress(
     target: Object,
     accessories: Iterable[Object],
     dressing: Dressing | None = None,
+    *,
+    force: bool = False,
     **match_options: Any,
 ) -> dict[str, Any]:
     """Dress a target with copies of a source's accessories, fitted to its body along their match or a new one.
 
     If both are bound to one armature, they are fitted in its rest pose, and the copies are bound to it, too. If the
-    target has an armature of its own, they are bound to that, which receives the outfit's own bones. Else the copies
+    target has a different armature, they are bound to that, which receives the outfit's own bones. Otherwise the copies
     are children of the target in its present pose, and follow when it is bound to the source's armature. Earlier copies
     of the same objects are replaced; the objects themselves are not changed.
 
@@ -52,8 +54,8 @@ def dress(
         target: the body to dress; it is matched if necessary.
         accessories: meshes, and hair curves.
         dressing: how to dress the target.
-        match_options: options of `match_objects`, for a new match; with `force=True` it is used even if it is
-            probably wrong.
+        force: whether to use a new match even if it is probably wrong.
+        match_options: options of `match_objects`, for a new match.
 
     Returns:
         A report: `source` and `target` are names, `objects` has the names of the copies by those of the objects,
@@ -65,7 +67,8 @@ def dress(
         TypeError: an option of the match is unknown.
     """
     names = [obj.name for obj in accessories]
-    return run(prepare_dress(context, source.name, target.name, names, dressing or Dressing(), **match_options))()
+    use = MatchUse(force=force)
+    return run(prepare_dress(context, source.name, target.name, names, dressing or Dressing(), use, **match_options))()
 
 
 async def prepare_dress(
@@ -74,9 +77,7 @@ async def prepare_dress(
     target_name: str,
     things: Sequence[str],
     dressing: Dressing,
-    adjusted: bool = False,
-    force: bool = False,
-    remedy: str = CALL_WITH_FORCE,
+    use: MatchUse = BY_SCRIPT,
     **match_options: Any,
 ) -> Write[dict[str, Any]]:
     """`dress` as a coroutine that keeps no Blender data across an `await`; returns a function that writes.
@@ -87,18 +88,16 @@ async def prepare_dress(
         target_name: name of the target.
         things: names of the worn objects.
         dressing: how to dress the target.
-        adjusted: whether this repeats the last operation with other settings, and may reuse its undone match.
-        force: whether to use a new match that is probably wrong; else only the match is stored.
-        remedy: a sentence for the refusal of such a match: how to use it anyway.
+        use: how to use the match.
         match_options: options of `match_objects`.
     """
     check_options(match_options)
     pair = await stored_pair(context, source_name, target_name)
     left_out: dict[str, str] = {}
     fitting = await read_fitting(context, pair, things, dressing, left_out)
-    found = await find_match(context, pair, MATCHING, adjusted, force, match_options)
+    found = await find_match(context, pair, MATCHING, use, match_options)
     if found.refused is not None:
-        return partial(store_and_stop, context, pair, found.refused, found.settings, remedy)
+        return partial(store_and_stop, context, pair, found.refused, found.settings, use)
     with portion(found.done, 1):
         fit = await compute(partial(fit_worn, found.match, fitting, dressing))
 

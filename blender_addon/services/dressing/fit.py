@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Fit what a source wears to a target: shapes, bones, weights and keys, as arrays without Blender."""
+"""Fit objects that a source wears to a target: shapes, bones, weights and keys, as arrays without Blender."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Read what a source wears, and the bodies and armatures that it is fitted with."""
+"""Read the objects that a source wears, and the bodies and armatures for their fit."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ class ActiveKeys:
     Attributes:
         surface: the body without shape keys, at rest, in world space.
         names: their names.
-        offsets: (n, keys, 3) what they add at their present values.
+        offsets: (n, keys, 3) their offsets at their present values.
     """
 
     surface: zo.Surface
@@ -85,7 +85,7 @@ class Fitting:
 
     Attributes:
         source: the matched surface of the source, in the pose for the fitting.
-        target: likewise of the target.
+        target: the same for the target.
         is_body: (n_s,) vertices of the source that are not worn themselves.
         worn: the worn objects.
         keys: the shape keys of the target that the copies follow; None for none.
@@ -219,7 +219,7 @@ async def _read_all(
 
 
 def _read_rigs(context: Context, pair: ObjectPair, worn: Sequence[str]) -> Rigs | None:
-    """The armatures of the source and of the target, if both have one of their own, and it may be changed."""
+    """The armatures of the source and of the target, if both have different ones, and the target's may be changed."""
     source, target = (find_mesh(context, name) for name in (pair.source_name, pair.target_name))
     of_source, of_target = mesh_data.armatures_of(source), mesh_data.armatures_of(target)
     if not of_source or not of_target or set(of_source) & set(of_target):

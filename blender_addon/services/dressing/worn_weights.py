@@ -13,9 +13,10 @@ from scipy.sparse import csr_array
 
 import zoomout_core as zo
 from zoomout_core.arrays import Booleans, Floats
+from zoomout_core.mesh.affine_maps import normalise
 from zoomout_core.transfer import Attribute, Dressed, PosedBody, WeightedBody, clear_in_poses, follow_weights
 from zoomout_core.transfer.rigging.poses import extend_poses, gentle_poses
-from zoomout_core.transfer.rigging.skinning import normalise, renumber_bones
+from zoomout_core.transfer.rigging.skinning import renumber_bones
 
 from ... import mesh_data
 from ...mesh_data import Bones, ObjectPair, OutfitBones, Worn
@@ -34,7 +35,7 @@ class Change(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class GroupWeights:
-    """Vertex groups of two bodies, and of what one of them wears.
+    """Vertex groups of two bodies, and of the objects that one of them wears.
 
     Attributes:
         source: those of the source.

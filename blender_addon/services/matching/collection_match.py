@@ -113,7 +113,7 @@ def check_verdicts(matches: Mapping[str, tuple[str, StoredMatch]], force: bool) 
     """Refuse matches by `prepare_parts` that are probably wrong, unless the user insists.
 
     Raises:
-        RefusedMatchError: one is probably wrong, and may not be used anyway.
+        RefusedMatchError: one is probably wrong, and `force` is not set.
     """
     for _, match in matches.values():
         if match.verdict is not None:
@@ -151,7 +151,7 @@ async def _read(
     fingerprint: Callable[[Context, str], Fingerprint],
     read: Callable[[Object, Depsgraph], zo.Surface],
 ) -> Parts:
-    """Read the objects of a collection whose meshes have faces; of those that share a mesh, the first."""
+    """Read the objects of a collection whose meshes have faces. If several share a mesh, only the first is read."""
     found = context.blend_data.collections.get(collection)
     if found is None:
         raise zo.MeshError("There is no collection '{collection}': choose another one.", collection=collection)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Targets that are one half, to which a Mirror modifier adds the other: they are matched as the visible whole.
 
-The modifier puts a mesh's own vertices before those that it adds, so the match of these is the first part.
+The modifier adds vertices after the mesh's own ones, so that the match of these is the first part.
 """
 
 from __future__ import annotations

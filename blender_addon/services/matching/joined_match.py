@@ -45,7 +45,7 @@ class Parts:
         surfaces: surface of each object.
         joined: all surfaces as one.
         first_vertex: (p + 1,) the first vertex of each in the joined surface, then the number of vertices.
-        first_triangle: (p + 1,) likewise for triangles.
+        first_triangle: (p + 1,) the same for triangles.
     """
 
     fingerprints: tuple[Fingerprint, ...]

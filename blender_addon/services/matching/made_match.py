@@ -22,8 +22,28 @@ from ...translations import translated
 from ..constraints import match_pair, settings_to_store
 from .candidates import cache_made_match, last_made_match, store_match
 
-# How a script uses a match anyway; other callers give a sentence of their own.
+# How a script uses a match anyway; other callers give their own sentence.
 CALL_WITH_FORCE = "To use this match anyway, call the function with force=True."
+
+
+@dataclass(frozen=True)
+class MatchUse:
+    """How an operation uses a match.
+
+    Attributes:
+        adjusted: whether it repeats the last operation with other settings, and may reuse its undone match.
+        force: whether to use a new match that is probably wrong; otherwise only the match is stored.
+        remedy: a sentence for the refusal of such a match: how to use it anyway.
+        undo_step: whether to push an undo step with a new match, so that undoing the operation keeps it.
+    """
+
+    adjusted: bool = False
+    force: bool = False
+    remedy: str = CALL_WITH_FORCE
+    undo_step: bool = False
+
+
+BY_SCRIPT = MatchUse()
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,10 +52,10 @@ class FoundMatch:
 
     Attributes:
         match: the match.
-        settings: the options that it was made with, as far as they are known.
+        settings: the known options that it was made with.
         done: the fraction of the operation's progress that finding it took, in [0, 1].
         is_new: whether it was not stored before.
-        refused: the match, if it is new, probably wrong, and not to be used anyway.
+        refused: the match, if it is new and probably wrong, and its use is not forced.
     """
 
     match: Match
@@ -51,16 +71,15 @@ class FoundMatch:
 
 
 async def find_match(
-    context: Context, pair: ObjectPair, share: float, adjusted: bool, force: bool, match_options: dict[str, Any]
+    context: Context, pair: ObjectPair, share: float, use: MatchUse, match_options: dict[str, Any]
 ) -> FoundMatch:
-    """Read the stored match of two objects, or else match them and cache the match in memory.
+    """Read the stored match of two objects; without one, match them and cache the match in memory.
 
     Args:
         context: Blender's.
         pair: the two objects.
         share: the fraction of the caller's progress for a new match.
-        adjusted: whether the caller repeats its last operation with other settings, and may reuse the cached match.
-        force: whether a new match is used even if it is probably wrong.
+        use: how the caller uses the match.
         match_options: options of `match_objects`.
     """
     stored = stored_match.read(find_mesh(context, pair.target_name).data, pair)
@@ -68,10 +87,10 @@ async def find_match(
         return FoundMatch(stored, stored.settings, 0.0, is_new=False)
     settings = settings_to_store(context, pair, match_options)
     with portion(0, share):
-        match = (last_made_match(pair) if adjusted else None) or await match_pair(context, pair, **match_options)
+        match = (last_made_match(pair) if use.adjusted else None) or await match_pair(context, pair, **match_options)
     cache_made_match(pair, match)
     refused = None
-    if isinstance(match, zo.MatchResult) and match.verdict.level == RED and not adjusted and not force:
+    if isinstance(match, zo.MatchResult) and match.verdict.level == RED and not use.adjusted and not use.force:
         refused = match
     return FoundMatch(match, settings, share, True, refused)
 
@@ -81,32 +100,30 @@ def store_and_stop(
     pair: ObjectPair,
     match: zo.MatchResult,
     settings: Mapping[str, Any],
-    remedy: str,
-    undo_step: bool = False,
+    use: MatchUse,
 ) -> NoReturn:
-    """Store a match that is probably wrong, so that the user can look at it, and do nothing else.
+    """Only store a match that is probably wrong, so that the user can check it.
 
     Args:
         context: Blender's.
         pair: the matched objects.
         match: the match.
         settings: the options that it was made with.
-        remedy: a sentence that says how to use the match anyway.
-        undo_step: whether to push an undo step.
+        use: the sentence that says how to use the match anyway, and whether to push an undo step.
 
     Raises:
-        RefusedMatchError: always; the message says how to go on.
+        RefusedMatchError: always; the message says how to continue.
     """
     with writing(context, pair) as (_, target):
         store_match(target.data, match, pair, settings)
-    if undo_step:
+    if use.undo_step:
         push_match()
     raise RefusedMatchError(
         "{reason} {advice} '{target}' was matched but not changed. {remedy}",
         reason=match.verdict.sentence,
         advice=match.verdict.advice,
         target=pair.target_name,
-        remedy=remedy,
+        remedy=use.remedy,
     )
 
 

@@ -59,7 +59,7 @@ async def select_faults_async(context: Context, target_name: str, what: str) -> 
 
 
 def select_stretched(context: Context, target: Object) -> str:
-    """Select only the vertices that stretch far more than the source does when the bones of its rig turn.
+    """Select only the vertices that stretch far more than the source when the bones of its rig rotate.
 
     Args:
         context: Blender's; the target is in its scene.
@@ -78,7 +78,7 @@ def select_stretched(context: Context, target: Object) -> str:
 
 
 def read_stretched(target: Object) -> Booleans:
-    """(n,) the vertices that stretch when the bones of the target's rig turn.
+    """(n,) the vertices that stretch when the bones of the target's rig rotate.
 
     Raises:
         MeshError: the target was not bound, or its vertices were edited since.
@@ -90,7 +90,7 @@ def read_stretched(target: Object) -> Booleans:
 
 
 def stretched_vertices(target: Object) -> Booleans | None:
-    """(n,) the vertices that stretch when the bones of the target's rig turn; None if that is not known."""
+    """(n,) the vertices that stretch when the bones of the target's rig rotate; None if they are not known."""
     report = transfer_report(target)
     return None if report is None else unpack_mask(report.get("stretched"), len(target.data.vertices))
 

@@ -47,7 +47,7 @@ def check_symmetry(
         check: the data to compare between the sides: the "shape", "weights", or a "key".
         key: the name of the key.
         red_length: the difference shown in red, over the square root of the area.
-        red_weight: likewise for weights, in [0, 1].
+        red_weight: the same for weights, in [0, 1].
 
     Returns:
         A sentence for the user, with the mean and the largest value.

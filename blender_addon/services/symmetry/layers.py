@@ -120,7 +120,7 @@ def _read(obj: Object, data: Collection[str]) -> list[_Data]:
 
 
 def _partners(names: Sequence[str | None]) -> Integers:
-    """(slots,) the slot of the material for the other side, such as Boot.R for Boot.L, else the material's own."""
+    """(slots,) the slot of the material for the other side, such as Boot.R for Boot.L; without one, its own slot."""
     partners = [name and partner_of(name, names) for name in names]
     return np.array([names.index(other) if other in names else slot for slot, other in enumerate(partners)])
 

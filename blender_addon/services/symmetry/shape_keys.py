@@ -188,6 +188,6 @@ def _write(obj: Object, key: ShapeKey, offsets: Floats, mode: KeyMode, in_place:
 
 
 def _other_name(name: str, present: list[str]) -> str:
-    """The name for the other side if it is present, else the name itself."""
+    """The name for the other side if it is present, otherwise the name itself."""
     partner = partner_of(name, present)
     return partner if partner in present else name

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A second source gives its joints and weights to a part of a target that has joints of its own."""
+"""A second source gives its joints and weights to a part of a target that has its own joints."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from zoomout_core.assets.asset import WEIGHTS, Asset
 from zoomout_core.assets.files import read_asset, write_asset
 from zoomout_core.assets.part_names import mask_of_parts
 from zoomout_core.assets.transfer_asset import transfer_asset
+from zoomout_core.mesh.affine_maps import blend_matrices, transform_points
 from zoomout_core.mesh.surface import MeshError
-from zoomout_core.transfer.rigging.skinning import blend_matrices, transform_points
 
 # The source is this much larger than the target.
 SIZE = 3.0
@@ -145,3 +145,14 @@ def test_a_part_receives_joints_only_beside_joints_of_its_own(tmp_path: Path) ->
     for bare, given in ((replace(target, skin=None), source), (target, replace(source, skin=None))):
         with pytest.raises(MeshError, match=r"no weights|no joints to move|need a rigged source, and a rigged glTF"):
             transfer_asset(given, bare, onto_itself(source), [WEIGHTS], move_rig=True, mask=mask)
+
+
+@pytest.mark.parametrize("damaged", ["source", "target", "source without a part"])
+def test_joints_that_are_scaled_to_nothing_are_named(damaged: str, tmp_path: Path) -> None:
+    source, target = read_source(tmp_path / "source.glb"), read_target(tmp_path / "target.glb")
+    skin = target.skin if damaged == "target" else source.skin
+    assert skin is not None
+    skin.inverse_bind[1] = np.diag([1, 0, 1, 1])
+    mask = None if "without" in damaged else mask_of_parts(target, ["Upper"])
+    with pytest.raises(MeshError, match="The joint Upper is scaled to nothing"):
+        transfer_asset(source, target, onto_itself(source), [WEIGHTS], move_rig=True, mask=mask)

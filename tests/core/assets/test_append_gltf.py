@@ -16,8 +16,8 @@ from vrm_validator import faults
 from zoomout_core.assets.asset import SHAPE_KEYS, Asset, Skin
 from zoomout_core.assets.files import read_asset
 from zoomout_core.assets.gltf.append import NewJoint, append_to_gltf
-from zoomout_core.assets.gltf.document import Document
 from zoomout_core.assets.gltf.springs import Partner
+from zoomout_core.mesh.formats.gltf_document import Document
 from zoomout_core.outfits.parts import keep_faces
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 

@@ -34,12 +34,12 @@ from vrm_validator import faults
 from zoomout_core.assets.asset import SHAPE_KEYS, Asset, Material, material_numbers
 from zoomout_core.assets.files import inputs_of, read_asset, write_asset
 from zoomout_core.assets.gltf.avatars import Avatar, read_avatar
-from zoomout_core.assets.gltf.document import Document
 from zoomout_core.assets.transfer_asset import transfer_asset
 from zoomout_core.cli import main
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.formats.files import read_surface
+from zoomout_core.mesh.formats.gltf_document import Document
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.samples.spheres import ball
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind

@@ -15,9 +15,9 @@ from vrm_validator import faults
 
 from zoomout_core.assets.files import read_asset
 from zoomout_core.assets.gltf.append import NewJoint, append_to_gltf
-from zoomout_core.assets.gltf.document import Document
 from zoomout_core.assets.gltf.springs import Partner, copy_springs
 from zoomout_core.geometry.procrustes import nearest_rotations
+from zoomout_core.mesh.formats.gltf_document import Document
 
 HEAD = 1 + list(BONES).index("head")
 VERSIONS = list(product((0, 1), (0, 1)))
@@ -171,6 +171,24 @@ def test_every_branch_of_a_chain_swings_once() -> None:
     branches["extensions"]["VRMC_springBone"]["springs"].append({"joints": [{"node": 3}]})
     copy_springs(back, branches, copies, {})
     assert [each["bones"] for each in back["extensions"]["VRM"]["secondaryAnimation"]["boneGroups"]] == [[1]]
+
+
+@pytest.mark.parametrize("roots", [[1, 1], [1, 2], [2, 1]])
+def test_nodes_of_overlapping_chains_swing_once(roots: list[int]) -> None:
+    made, given = tree(1, NODES), springs(0)
+    (chains,) = given["extensions"]["VRM"]["secondaryAnimation"]["boneGroups"]
+    given["extensions"]["VRM"]["secondaryAnimation"]["boneGroups"] = [{**chains, "bones": [root]} for root in roots]
+    copy_springs(made, given, COPIES, {})
+    found = made["extensions"]["VRMC_springBone"]["springs"]
+    assert [[joint["node"] for joint in each["joints"]] for each in found] == [[1, 2, 3]]
+
+
+def test_branches_with_a_common_root_become_one_chain() -> None:
+    made, given = tree(0, (("Hips", -1), ("Root", 0), ("Left", 1), ("Right", 1))), springs(1)
+    branch = {"joints": [{"node": 1}, {"node": 3}]}
+    given["extensions"]["VRMC_springBone"]["springs"].append(branch)
+    copy_springs(made, given, {number: Partner(number) for number in (1, 2, 3)}, {})
+    assert [each["bones"] for each in made["extensions"]["VRM"]["secondaryAnimation"]["boneGroups"]] == [[1]]
 
 
 @pytest.mark.parametrize("version", [0, 1])

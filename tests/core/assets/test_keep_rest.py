@@ -34,7 +34,7 @@ def target(tmp_path: Path) -> Asset:
 
 @pytest.fixture
 def head(tmp_path: Path) -> Asset:
-    """The same tube from another file, with a rough material, a key of its own, and red vertices."""
+    """The same tube from another file, with a rough material, its own key, and red vertices."""
     write_tube(tmp_path / "head.glb")
     file = gltf.GLTF2().load(tmp_path / "head.glb")
     file.materials[0].pbrMetallicRoughness.roughnessFactor = 0.25

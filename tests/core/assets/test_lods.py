@@ -103,6 +103,12 @@ def test_each_part_reduces_the_error_in_poses(
         assert make_lods(source, [0.4])[0].posed_error > factor * level.posed_error
 
 
+def test_joints_whose_fitted_weights_vanish_are_left_out(coarse: tuple[Asset, Level]) -> None:
+    _, level = coarse
+    assert level.asset.skin is not None
+    assert level.asset.skin.weights.data.min() > 0
+
+
 def test_textures_do_not_slip(folder: Path) -> None:
     source = at_rest(read_asset(folder / "levels" / "character_LOD2.glb"))
 
@@ -256,6 +262,28 @@ def test_shape_keys_are_kept_and_posed_files_are_taken_to_rest(tmp_path: Path, b
     moved = np.einsum("nxy,ny->nx", level.skin.linear, np.asarray(keys.values)[:, 0])
     assert np.abs(moved[:, 0] - expected).mean() < 0.03
     assert np.abs(moved[:, 1:]).mean() < 0.03
+
+
+@pytest.mark.parametrize("way", ["simplified", "made by hand"])
+def test_levels_of_posed_files_are_the_same_in_memory_and_in_files(tmp_path: Path, way: str) -> None:
+    """Their weights are fitted, so that the joints move a vertex otherwise than the vertex of the file."""
+    write_tube(tmp_path / "tube.glb", bend=0.7)
+    source = with_normals(read_asset(tmp_path / "tube.glb"))
+    (level,) = make_lods(source, [0.4])
+    if way == "made by hand":
+        level = complete_levels(source, {"level": Asset(at_rest(level.asset).surface)})["level"]
+    write_asset(level.asset, tmp_path / "level.glb")
+    found = read_asset(tmp_path / "level.glb")
+    np.testing.assert_array_equal(found.surface.triangles, level.asset.surface.triangles)
+    np.testing.assert_allclose(found.surface.vertices, level.asset.surface.vertices, atol=1e-5)
+    for name in (SHAPE_KEYS, NORMALS):
+        written, read = (np.asarray(each.find(name).values) for each in (level.asset, found))
+        np.testing.assert_allclose(read, written, atol=1e-5)
+
+
+def with_normals(asset: Asset) -> Asset:
+    normals = vertex_normals(asset.surface.vertices, asset.surface.triangles)[asset.surface.corner_vertex]
+    return replace(asset, attributes=(*asset.attributes, Attribute(NORMALS, Domain.CORNER, Kind.NORMAL, normals)))
 
 
 def test_fewer_weights_keep_the_largest_and_their_sum() -> None:

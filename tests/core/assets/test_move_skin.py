@@ -16,11 +16,11 @@ from test_transfer_asset import bend_points, finer_tube, match_at_rest
 from zoomout_core.assets.asset import WEIGHTS, Asset
 from zoomout_core.assets.check_rig import check_rig
 from zoomout_core.assets.files import read_asset, write_asset
-from zoomout_core.assets.gltf.document import VRM_0, Document
 from zoomout_core.assets.gltf.move_skin import CUBIC
 from zoomout_core.assets.transfer_asset import transfer_asset
+from zoomout_core.mesh.affine_maps import blend_matrices, transform_points
+from zoomout_core.mesh.formats.gltf_document import VRM_0, Document
 from zoomout_core.mesh.surface import MeshError
-from zoomout_core.transfer.rigging.skinning import blend_matrices, transform_points
 
 # The proportions of the target: longer and thinner.
 BUILD = np.array([0.8, 1.5, 0.8])

@@ -10,8 +10,8 @@ import pygltflib
 import pytest
 from skinned_tubes import write_tube
 
-from zoomout_core.assets.gltf.document import Document
 from zoomout_core.assets.gltf.play import length_of, play
+from zoomout_core.mesh.formats.gltf_document import Document
 
 UPPER = 2
 

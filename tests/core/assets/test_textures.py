@@ -14,9 +14,10 @@ from skinned_tubes import PNG, write_tube
 
 from zoomout_core.assets.asset import Asset, Material, material_numbers
 from zoomout_core.assets.files import read_asset, write_asset
-from zoomout_core.assets.gltf.document import Document
-from zoomout_core.assets.images import image_type
+from zoomout_core.assets.lods import make_lods
+from zoomout_core.mesh.formats.gltf_document import Document
 from zoomout_core.mesh.formats.gltf_files import parse_gltf
+from zoomout_core.mesh.formats.image_types import image_type
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.runtime.version import package_version
 
@@ -68,6 +69,15 @@ def test_an_image_keeps_its_type(name: str, tmp_path: Path) -> None:
     write_asset(asset, tmp_path / "again.obj")
     assert (tmp_path / f"again_0{kind.suffix}").read_bytes() == content
     assert read_asset(tmp_path / "again.obj").materials[0].image == content
+
+
+@pytest.mark.parametrize("name", EXTENSIONS)
+def test_levels_of_detail_keep_images_of_any_type(name: str, tmp_path: Path) -> None:
+    path = write_textured(tmp_path, {"a.image": EXTENSIONS[name]}, {"extensions": {name: {"source": 0}}})
+    (level,) = make_lods(read_asset(path), [0.6])
+    assert write_asset(level.asset, tmp_path / "level.glb") == ()
+    assert Document(tmp_path / "level.glb").image(0) == EXTENSIONS[name]
+    assert tree_of(tmp_path / "level.glb")["textures"] == [{"extensions": {name: {"source": 0}}}]
 
 
 def test_png_fallback_is_preferred_and_both_images_are_kept(tmp_path: Path) -> None:

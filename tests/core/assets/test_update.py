@@ -18,7 +18,7 @@ import zoomout_core as zo
 from zoomout_core.assets.asset import SHAPE_KEYS, Asset
 from zoomout_core.assets.files import read_asset, write_asset
 from zoomout_core.assets.lods import with_fewer_weights
-from zoomout_core.assets.stored_map import digest_of, same_triangles
+from zoomout_core.assets.stored_map import digest_of, same_triangles, stored_map_from
 from zoomout_core.assets.update_asset import changed_kinds, update_asset
 from zoomout_core.cli import main
 from zoomout_core.mesh.surface import MeshError
@@ -115,6 +115,35 @@ def test_an_update_keeps_the_limit_of_weights(made: Path) -> None:
     updated = update_asset(old, edit(old), with_fewer_weights(read_asset(made / "scan.glb"), 2)).asset
     assert updated.skin is not None
     assert np.diff(csr_array(updated.skin.weights).indptr).max() == 2
+
+
+def test_a_limit_of_weights_that_the_source_had_itself_is_kept(tmp_path: Path) -> None:
+    """A limit of levels by which no vertex lost a joint, until the new source has more of them."""
+    old = character(600)
+    assert old.skin is not None
+    old = with_fewer_weights(old, 2)
+    write_asset(old, tmp_path / "old.glb")
+    options = "-o", tmp_path, "--ratios", 0.5, "--max-weights", 2, "--keep-map"
+    code, said = run("lods", tmp_path / "old.glb", *options)
+    assert code == 0, said
+    before, level = (read_asset(tmp_path / f"{name}.glb") for name in ("old", "old_LOD1"))
+    assert before.skin is not None
+    count = len(before.skin.names)
+    spread = csr_array(before.skin.weights @ (0.6 * np.eye(count) + 0.4 / count))
+    now = with_fewer_weights(replace(before, skin=replace(before.skin, weights=spread)), 4)
+    updated = update_asset(before, now, level).asset
+    assert updated.skin is not None
+    assert np.diff(csr_array(updated.skin.weights).indptr).max() == 2
+    assert updated.stored_map is not None
+    assert updated.stored_map.max_weights == 2
+
+
+@pytest.mark.parametrize("limit", [0, -1, 2.5, True, "2"])
+def test_a_damaged_limit_of_weights_is_ignored(limit: object) -> None:
+    rows = np.array([[0, 0.2, 0.2, 1.0]])
+    stored = stored_map_from(rows, {"source": "", "kinds": [], "max_weights": limit})
+    assert stored is not None
+    assert stored.max_weights is None
 
 
 def test_updates_keep_own_edits_of_what_did_not_change(made: Path) -> None:
@@ -231,7 +260,7 @@ def test_unchanged_data_is_not_transferred(made: Path, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("paint", [False, True])
 def test_pose_of_the_file_does_not_count_as_a_change(paint: bool, tmp_path: Path) -> None:
-    """In the pose of the file, shape keys turn with the joints, also by new weights."""
+    """In the pose of the file, shape keys rotate with the joints, also by new weights."""
     write_tube(tmp_path / "straight.glb")
     write_tube(tmp_path / "bent.glb", bend=1.0)
     before, now = read_asset(tmp_path / "straight.glb"), read_asset(tmp_path / "bent.glb")

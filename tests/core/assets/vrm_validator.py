@@ -11,7 +11,7 @@ from typing import Any
 
 from vrm_files import tree_of
 
-from zoomout_core.assets.gltf.document import Document
+from zoomout_core.mesh.formats.gltf_document import Document
 
 LIMBS = [f"{side}{part}" for side in ("left", "right") for part in ("UpperLeg", "LowerLeg", "Foot", "UpperArm")]
 LIMBS += [f"{side}{part}" for side in ("left", "right") for part in ("LowerArm", "Hand")]

@@ -232,7 +232,7 @@ def test_page_shows_every_shape(matched: zo.CollectionResult) -> None:
 
 def test_verdict_of_a_pair_depends_on_its_faults_and_cycles(matched: zo.CollectionResult) -> None:
     pair = PairName("a", "b")
-    flawless = {"certainty": 0.99, "low_confidence": 0.0, "share_without_partner": 0.0}
+    flawless = {"certainty": 0.99, "low_confidence": 0.0, "share_without_partner": 0.0, "doubtful_vertices": 0.0}
     records = {each: replace(record, **flawless) for each, record in matched.records.items()}
     sure = replace(matched, records=records, agreement=None)
     assert "Verdicts: 6 green." in lines_of_collection(sure)
@@ -240,6 +240,8 @@ def test_verdict_of_a_pair_depends_on_its_faults_and_cycles(matched: zo.Collecti
     assert torn.verdict(pair).level == "amber"
     assert "Verdicts: 5 green, 1 amber (check these first)." in lines_of_collection(torn)
     assert figures_of_collection(torn)["verdicts"] == {"green": 5, "amber": 1, "red": 0}
+    doubtful = replace(sure, records={**records, pair: replace(records[pair], doubtful_vertices=0.6)})
+    assert "60% of the target's vertices" in doubtful.verdict(pair).sentence
     wrong = replace(sure, records={**records, pair: replace(records[pair], certainty=0.2)})
     assert wrong.verdict(pair).level == "red"
     assert 'class="red"' in page_of(wrong, {})

@@ -58,7 +58,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def target() -> zo.Surface:
-    """The creature in another pose, with other triangles, turned, moved and in another unit."""
+    """The creature in another pose, with other triangles, rotated, moved and in another unit."""
     turn = Rotation.from_euler("xyz", [40, 100, 200], degrees=True)
     surface = creature(1100, seed=1, bend=0.9).surface
     return surface.with_vertices(turn.apply(surface.vertices) * 170 + 30)

@@ -15,7 +15,7 @@ import zoomout_core as zo
 from zoomout_core.matching.components.lift import LiftedMap
 from zoomout_core.matching.refinement.confidence import Partners
 from zoomout_core.matching.refinement.repair import Repair
-from zoomout_core.matching.report.verdict import VERDICT
+from zoomout_core.matching.report.verdict import AMBER, GREEN, VERDICT, Faults, judge
 from zoomout_core.runtime.array_files import read_arrays
 
 pytestmark = pytest.mark.usefixtures("few_candidates")
@@ -56,6 +56,18 @@ def test_doubtful_share_is_measured_by_area(result: zo.MatchResult) -> None:
     uncertain = replace(result, confidence=np.where(small, 0.2, 0.9))
     assert uncertain.faults.doubtful == pytest.approx(areas[small].sum() / areas.sum())
     assert uncertain.faults.doubtful < small.mean() - 0.05
+
+
+def test_match_with_mostly_doubtful_vertices_on_a_small_area_is_not_green(result: zo.MatchResult) -> None:
+    order = np.argsort(result.target.vertex_areas)
+    small = np.zeros(len(order), dtype=bool)
+    small[order[: int(0.55 * len(order))]] = True
+    uncertain = replace(result, confidence=np.where(small, 0.2, 0.9))
+    assert uncertain.faults.doubtful < VERDICT.doubtful
+    assert uncertain.faults.doubtful_vertices == pytest.approx(small.mean())
+    no_other = Faults(doubtful=uncertain.faults.doubtful)
+    assert judge(0.99, no_other).level == GREEN
+    assert judge(0.99, no_other._replace(doubtful_vertices=uncertain.faults.doubtful_vertices)).level == AMBER
 
 
 def test_part_cut_off_by_tears_is_reported_as_torn(result: zo.MatchResult, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -103,6 +103,19 @@ def test_the_most_important_regions_do_not_vanish() -> None:
     assert len(np.unique(regions[alive])) < 5
 
 
+@pytest.mark.parametrize("seed", [70, 101])
+def test_simultaneous_collapses_leave_enough_of_each_region(seed: int) -> None:
+    """Each of these collapses alone would leave enough."""
+    points, triangles = wavy_grid()
+    places, rng = points[triangles].mean(axis=1)[:, :2], np.random.default_rng(seed)
+    regions = np.zeros(len(triangles), dtype=int)
+    for number in range(1, 5):
+        regions[(np.abs(places - rng.uniform(size=2)) < rng.uniform(0.03, 0.1, 2)).all(axis=1)] = number
+    layer = np.repeat(regions[:, None], 3, axis=1)
+    alive, _, _ = simplify(points[None], triangles, [layer], [44], regions=regions)[0]
+    assert (np.bincount(regions[alive], minlength=5) >= KEPT_TRIANGLES).all()
+
+
 def test_more_vertices_are_kept_where_poses_bend_the_mesh() -> None:
     points, triangles = wavy_grid()
     points[:, 2] = 0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Write creatures with joints, some of them in a shirt and trousers with joints of their own, as GLB files."""
+"""Write creatures with joints, some of them in a shirt and trousers with their own joints, as GLB files."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from scipy.sparse import csr_array
 
 from zoomout_core.assets.asset import SHAPE_KEYS, Asset, Material, Skin, material_numbers
 from zoomout_core.assets.files import write_asset
-from zoomout_core.assets.gltf.document import Document
+from zoomout_core.mesh.formats.gltf_document import Document
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 

@@ -12,8 +12,8 @@ from dolls import CHAIN, HEIGHTS
 
 from zoomout_core.assets.files import read_asset
 from zoomout_core.assets.gltf.append import append_to_gltf
-from zoomout_core.assets.gltf.document import Document
 from zoomout_core.mesh.formats.glb import pack_glb
+from zoomout_core.mesh.formats.gltf_document import Document
 from zoomout_core.mesh.formats.gltf_files import parse_gltf
 from zoomout_core.outfits.dress_avatar import dress_avatar
 from zoomout_core.outfits.parts import split_avatar

@@ -343,12 +343,12 @@ def test_a_masked_patch_turns_about_what_pushes_it() -> None:
     lifted = np.linalg.norm(after, axis=1) - np.linalg.norm(before, axis=1)
     assert lifted[near] > 0.03
     assert abs(lifted[far]) < 0.3 * lifted[near]
-    # Normals and shape keys turn with it.
+    # Normals and shape keys rotate with it.
     np.testing.assert_allclose(dressed.turns[0][chosen], np.broadcast_to(motion.linear, (len(chosen), 3, 3)), atol=1e-4)
 
 
 def test_a_masked_point_is_pushed_out() -> None:
-    """A part without extent, which can turn as it likes."""
+    """A part without extent, which can rotate freely."""
     shirt = shell(1.03, 800)
     point = int(np.argmax(shirt.vertices[:, 2]))
     bump = 1 + 0.1 * np.exp(-(np.linalg.norm(BODY.vertices - [0, 0, 1], axis=1, keepdims=True) ** 2) / 0.01)

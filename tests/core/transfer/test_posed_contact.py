@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_array
 
+from zoomout_core.mesh.affine_maps import blend_matrices, transform_points
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.samples.spheres import ball
 from zoomout_core.transfer.dressing.contact import SidedSurface
 from zoomout_core.transfer.dressing.dress import Dressed, carry, clear_in_poses
 from zoomout_core.transfer.dressing.posed_contact import POSED_CONTACT, PosedBody
 from zoomout_core.transfer.rigging.poses import pose_of_turns
-from zoomout_core.transfer.rigging.skinning import blend_matrices, transform_points
 from zoomout_core.tuning import retune
 
 # A rod along z with a joint in its middle, and a sleeve around the middle that bends a little above it.

@@ -19,13 +19,13 @@ import numpy as np
 from zoomout_core.arrays import Floats
 from zoomout_core.assets.asset import Asset
 from zoomout_core.assets.gltf.avatars import is_row, list_at, object_at, objects_at
-from zoomout_core.assets.gltf.document import VRM_0, VRM_1, Buffer, Document, is_file, library
 from zoomout_core.assets.gltf.keep_avatars import PLAIN_MATERIAL
 from zoomout_core.assets.gltf.meshes import write_meshes
 from zoomout_core.assets.gltf.springs import Partner, copy_springs
 from zoomout_core.assets.gltf.write import extensions_in
-from zoomout_core.assets.images import TEXTURE_EXTENSIONS, image_type
 from zoomout_core.mesh.formats.glb import pack_glb
+from zoomout_core.mesh.formats.gltf_document import VRM_0, VRM_1, Buffer, Document, is_file, library
+from zoomout_core.mesh.formats.image_types import TEXTURE_EXTENSIONS, image_type
 from zoomout_core.messages import message
 from zoomout_core.runtime.version import package_version
 

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from zoomout_core.assets.gltf.document import VRM_0, VRM_1, Document
+from zoomout_core.mesh.formats.gltf_document import VRM_0, VRM_1, Document
 
 SPRINGS = "VRMC_springBone"
 # Terms of the licence. Version 1 has values for what a file leaves out.

@@ -8,8 +8,7 @@ of VRM 1 lists its nodes, and ends at the last.
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -76,10 +75,14 @@ def to_version_1(rows: Tree, made: Tree) -> Tree:
         ]
         groups.append({"colliders": list(range(len(colliders), len(colliders) + len(own)))})
         colliders += own
+    roots = _first_above(made, (root for chains in rows.get("boneGroups", []) for root in chains["bones"]))
     for chains in rows.get("boneGroups", []):
         values = {name: number_of(chains, name_0, default) for name_0, name, default in NUMBERS}
         gravity = vector_of(chains.get("gravityDir"), DOWN) * [-1, 1, -1]
         for root in chains["bones"]:
+            if root not in roots:
+                continue
+            roots.remove(root)
             for nodes in _chains_below(made, root):
                 joints = [{"node": node, **values, "gravityDir": gravity.tolist()} for node in nodes]
                 spring: Tree = {"joints": [*joints, {"node": _add_end(made, nodes[-1])}]}
@@ -95,6 +98,19 @@ def to_version_1(rows: Tree, made: Tree) -> Tree:
         if "colliderGroups" in spring:
             spring["colliderGroups"] = [kept.index(each) for each in spring["colliderGroups"]]
     return {"colliders": colliders, "colliderGroups": [groups[number] for number in kept], "springs": springs}
+
+
+def _first_above(made: Tree, starts: Iterable[int]) -> set[int]:
+    """Those of the first nodes of chains that are below no other: their chains have all nodes below them."""
+    parents = {child: number for number, each in enumerate(made["nodes"]) for child in each.get("children", ())}
+    found, given = set[int](), set(starts)
+    for start in given:
+        above = parents.get(start)
+        while above is not None and above not in given:
+            above = parents.get(above)
+        if above is None:
+            found.add(start)
+    return found
 
 
 def _chains_below(made: Tree, root: int) -> Iterator[list[int]]:
@@ -137,15 +153,12 @@ def to_version_0(rows: Tree, made: Tree) -> tuple[Tree, list[str]]:
         parts_of.append(list(range(len(groups), len(groups) + len(own))))
         groups += own
     springs, chains, differ = rows.get("springs", []), list[Tree](), False
-    starts = Counter(spring["joints"][0]["node"] for spring in springs)
-    parents = {child: number for number, each in enumerate(made["nodes"]) for child in each.get("children", ())}
+    roots = _first_above(made, (spring["joints"][0]["node"] for spring in springs))
     for spring in springs:
         first, *others = spring["joints"]
-        above = first["node"]
-        while above in parents and not starts[parents[above]]:
-            above = parents[above]
-        if above in parents:
-            continue  # the chain above has all nodes below it
+        if first["node"] not in roots:
+            continue  # another chain has all of its nodes
+        roots.remove(first["node"])
         values, *of_others = [
             {name_0: number_of(joint, name, default) for name_0, name, default in NUMBERS}
             for joint in [first, *others[:-1]]

@@ -13,9 +13,9 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from zoomout_core.assets.gltf.avatars import is_row, list_at, object_at, objects_at
-from zoomout_core.assets.gltf.document import VRM_0, VRM_1, Document, library, morph_target_names
 from zoomout_core.assets.gltf.materials import ImageFiles
 from zoomout_core.assets.gltf.meshes import Renumbering
+from zoomout_core.mesh.formats.gltf_document import VRM_0, VRM_1, Document, library, morph_target_names
 from zoomout_core.mesh.formats.opening import shown
 
 if TYPE_CHECKING:

@@ -18,7 +18,8 @@ from scipy.sparse import csr_array
 
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.assets.asset import COLOR, MATERIALS, NORMALS, SHAPE_KEYS, UV, Asset, on_corners
-from zoomout_core.assets.gltf.document import (
+from zoomout_core.mesh.affine_maps import normalise
+from zoomout_core.mesh.formats.gltf_document import (
     ARRAY_BUFFER,
     ELEMENT_ARRAY_BUFFER,
     PLACE,
@@ -30,7 +31,7 @@ from zoomout_core.assets.gltf.document import (
     morph_target_names,
 )
 from zoomout_core.mesh.triangles import unit_vectors, vertex_normals
-from zoomout_core.transfer.rigging.skinning import normalise, row_of
+from zoomout_core.transfer.rigging.skinning import row_of
 
 if TYPE_CHECKING:
     from pygltflib import GLTF2, Mesh, Primitive
@@ -270,6 +271,7 @@ def _influences(weights: csr_array, columns: Integers) -> tuple[NDArray[Any], ND
     joint = np.zeros((weights.shape[0], sets * INFLUENCES), "<u1" if columns.max(initial=0) < 256 else "<u2")
     share = np.zeros(joint.shape, "<f4")
     joint[row, rank], share[row, rank] = columns[weights.indices[order]], weights.data[order]
+    joint[share == 0] = 0  # also where a weight is too small for single floats
     # Readers expect single floats that sum to one.
     share[:, 0] += 1 - share.sum(axis=1, dtype=np.float64)
     return joint, share

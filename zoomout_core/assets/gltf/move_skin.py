@@ -17,8 +17,8 @@ from scipy.spatial.transform import Rotation
 
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.assets.asset import Asset, Skin
-from zoomout_core.assets.gltf.document import POINTER, VRM_0, Document, local_matrix
 from zoomout_core.geometry.procrustes import nearest_rotations
+from zoomout_core.mesh.formats.gltf_document import POINTER, VRM_0, Document, local_matrix
 from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.rigging.poses import parents_first
 from zoomout_core.transfer.rigging.rig import move_rig

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from zoomout_core.arrays import Floats
-from zoomout_core.assets.gltf.document import Document, local_matrix
+from zoomout_core.mesh.formats.gltf_document import Document, local_matrix
 
 if TYPE_CHECKING:
     from pygltflib import Animation

@@ -12,7 +12,7 @@ import numpy as np
 from zoomout_core.arrays import Floats
 from zoomout_core.assets.gltf.avatars import SPRINGS, is_row, list_at, object_at, objects_at
 from zoomout_core.assets.gltf.convert_springs import as_object, number_of, to_version_0, to_version_1, vector_of
-from zoomout_core.assets.gltf.document import VRM_0, VRM_1
+from zoomout_core.mesh.formats.gltf_document import VRM_0, VRM_1
 
 # The JSON of a document, or a part of it.
 Tree: TypeAlias = dict[str, Any]

@@ -14,10 +14,10 @@ import numpy as np
 
 from zoomout_core.assets.asset import Asset, one_line
 from zoomout_core.assets.gltf.animations import keep_animations, keep_copies
-from zoomout_core.assets.gltf.document import STORED_MAP, Buffer, library
 from zoomout_core.assets.gltf.keep_avatars import keep_avatar
 from zoomout_core.assets.gltf.materials import ImageFiles, full_look, write_materials
 from zoomout_core.assets.gltf.meshes import write_meshes
+from zoomout_core.mesh.formats.gltf_document import STORED_MAP, Buffer, library
 from zoomout_core.runtime.version import package_version
 
 if TYPE_CHECKING:

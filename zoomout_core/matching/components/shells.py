@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Extend the map between two hulls to the shells inside them.
 
-The hulls' map moves all shells. A shell of the target that has a partner on the source is registered to it by a
-similarity. All others map to the nearest points of the source, outer parts to outer parts.
+The map of the hulls moves all shells. A shell of the target with a partner on the source is registered to it by a
+similarity. Other shells map to the nearest points of the source, outer parts to outer parts.
 
 Lengths are at unit area of the hull.
 """
@@ -45,7 +45,7 @@ APART_TOLERANCE = 0.01
 
 @dataclass(frozen=True)
 class ShellTuning(Tuning, set_by="characters"):
-    """Where shells move, and the confidence in their images."""
+    """The motion of shells, and the confidence in their images."""
 
     # Where the fit of the hulls was rejected, but their map has less confidence than this, the fit moves shells anyway.
     # The fit follows its surroundings, whereas the map may have exchanged the toes of a foot.
@@ -54,7 +54,7 @@ class ShellTuning(Tuning, set_by="characters"):
     # Vertices farther from their shell's partner keep their image by the body's map. Below 0.15, parts of robots of
     # other builds lose their partners.
     beside: float = tuned(0.2, "at unit area", 0, 1)
-    faded: float = tuned(0.01, "1", 0, 1)  # vertices stay that a landmark moves by less of its own motion
+    faded: float = tuned(0.01, "1", 0, 1)  # vertices that a landmark moves by a smaller share of its motion stay
     pair_confidence: float = tuned(0.9, "1", 0, 1)  # confidence in a pair whose edges keep their lengths
     half_stretch: float = tuned(0.5, "1", 1e-6, 10)  # mean relative change of length that halves this confidence
 
@@ -75,7 +75,7 @@ class ShellMap:
 
 
 class _MovedTarget(NamedTuple):
-    """The target's working mesh where the map between the hulls moves it."""
+    """The target's working mesh, moved by the map between the hulls."""
 
     points: Floats  # (n, 3) its vertices
     normals: Floats  # (n, 3) their normals
@@ -126,7 +126,7 @@ def _map_pairs(
     """Move the images of shells onto their partners, in place, with confidence (n,); returns the number of pairs."""
     points, normals, motion, in_place = moved
     ours, theirs = target.parts(points), source.parts(source.points)
-    # The only shell of a surface is a whole body, and cannot be the partner of a piece.
+    # A single shell is a whole body, and cannot be the partner of a piece.
     if min(len(ours), len(theirs)) <= 1:
         return 0
     most = MAX_PAIRED_PARTS

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Measures of a shape that may lack pieces: absolute lengths, and distances to the nearest cut.
 
-No measure is relative to the whole: cuts change the area, mean distances and spectra. Both shapes of a pair have the
-same unit. A measure is used only if no cut can have changed it. A geodesic distance is valid if every path by way of a
-cut is longer, and the area around a place is valid up to the nearest cut.
+No measure is relative to the whole, because cuts change the area, mean distances and spectra. Both shapes of a pair
+have the same unit. A measure is used only if no cut can have changed it. A geodesic distance is valid if every path
+through a cut is longer, and the area around a place is valid up to the nearest cut.
 """
 
 from __future__ import annotations
@@ -117,15 +117,15 @@ class IncompleteShape:
 
 
 def unlikeness(of_target: IncompleteShape, of_source: IncompleteShape) -> Floats:
-    """(d_t, d_s) how unlike the surroundings of two places are, in [0, 1].
+    """(d_t, d_s) dissimilarity of the surroundings of two places, in [0, 1].
 
-    Mean difference of the logarithms of the areas within each radius, at most 1. Where a cut reaches one of the balls,
-    its area is only known to be too small, so that only its excess counts. Where cuts reach both, nothing is known.
+    The mean difference of the logarithms of the areas within each radius, at most 1. If a cut reaches one of the balls,
+    its area is a lower bound, so that only an excess counts. If cuts reach both, the difference is unknown.
     """
     radii = np.array(INCOMPLETE.radii)
     is_cut, is_cut_there = (radii > shape.cut_distance[:, None] for shape in (of_target, of_source))
     areas, areas_there = (shape.log_ball_areas.astype(np.float32) for shape in (of_target, of_source))
-    # An excess of an infinite area counts nothing.
+    # The excess of an infinite area is zero.
     bounds, bounds_there = np.where(is_cut, np.inf, areas), np.where(is_cut_there, np.inf, areas_there)
     total = np.zeros((len(areas), len(areas_there)), dtype=np.float32)
     for r in range(len(radii)):

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Extend landmarks on a shape that may lack pieces to a map of places, by distances, which cuts hardly change.
 
-Eigenfunctions are not used, because those of a part and of a whole have little in common.
+Eigenfunctions are not used, because they differ between a part and a whole.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class LandmarkMapTuning(Tuning, set_by="partial"):
 
 
 LANDMARK_MAPS = LandmarkMapTuning()
-# Places whose costs are computed at once: their differences from 40 landmarks fit in the cache of a core.
+# Number of places whose costs are computed at once: their differences from 40 landmarks fit in the cache of a core.
 BLOCK = 8
 
 

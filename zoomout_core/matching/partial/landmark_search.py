@@ -3,7 +3,7 @@
 
 The landmarks of a part are far from its cuts and from each other. They are assigned one after another to places of the
 other shape that preserve the distances between them and the areas around them. Each step keeps the best assignments.
-Mirrored assignments are among them, and are rejected later by the fit of normals.
+These include mirrored ones, which the fit of normals rejects later.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class LandmarkSearchTuning(Tuning, set_by="partial"):
     region: float = tuned(0.45, "1", 0.01, 1)  # share of places from which landmarks around one are chosen
     places: int = tuned(200, "places", 10, 10_000)  # number of places of the source on which landmarks may be placed
     width: int = tuned(500, "assignments", 1, 100_000)  # width of the beam
-    cells: int = tuned(80, "cells", 1, 1000)  # of the source; of assignments to the same ones the best is kept
+    cells: int = tuned(80, "cells", 1, 1000)  # of the source; the best of all assignments to the same cells is kept
     tolerance: float = tuned(0.06, "length", 1e-6, 10)  # tolerance of a difference of distances
     relative_tolerance: float = tuned(0.15, "1", 0, 10)  # additional tolerance for each unit of the distance
     doubt: float = tuned(0.6, "1", 0, 1)  # weight of a difference that a cut may explain

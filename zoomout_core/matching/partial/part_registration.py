@@ -54,7 +54,9 @@ class RegisteredPart:
     agreement: Floats  # (n,) cosine between the normals
     is_near: Booleans  # (n,) whether they are near the image of the nearest place, along the whole
     on_cut: Booleans  # (n,) whether the closest point is on a cut of the whole; vertices beyond it have no partner
-    strain: float  # mean relative distance between where neighbouring nodes put each other, off cuts
+    strain: (
+        float  # mean relative distance between the positions that neighbouring nodes predict for each other, off cuts
+    )
 
     def scores(self, areas: Floats) -> dict[str, float]:
         """Measures that distinguish a right map from a wrong one, with vertex areas (n,); 0 for a perfect fit.
@@ -62,7 +64,7 @@ class RegisteredPart:
         Returns:
             normals: mean of one minus the cosine, where the closest point is not on a cut;
             strain: see above;
-            beyond: part of the area where it is.
+            beyond: share of the area whose closest points are on a cut.
         """
         weights = np.where(self.on_cut, 0, areas) / areas.sum()
         return {
@@ -73,7 +75,7 @@ class RegisteredPart:
 
 
 def register_part(
-    places: Integers,  # (d_p,) for each place of the part that of the whole
+    places: Integers,  # (d_p,) the whole's place for each place of the part
     part: IncompleteShape,  # the shape that is deformed
     whole: IncompleteShape,  # the shape that it is registered with
     levels: Sequence[Level],

@@ -25,12 +25,12 @@ from zoomout_core.tuning import Tuning, tuned
 
 @dataclass(frozen=True)
 class RegionTuning(Tuning, set_by="small_parts"):
-    """Which parts are small, in which regions of a whole they are searched for, and the certainty of their places.
+    """The size of small parts, the regions of a whole in which they are searched, and the certainty of their places.
 
     The certainty was fitted to 118 small parts of 14 kinds: hands, feet, heads, arms, paws and tails of people and
     animals. Each was also used without its right maps, with a quarter of the weight. In cross-validation over kinds, 38
     of 39 maps above 90 % were right; the other one maps a cat's right paw to its left one. Of 96 parts without their
-    right maps, 4 were above 90 %. With the constants of larger parts these are 72 of 74, and 22 of 96.
+    right maps, 4 were above 90 %. With the constants of larger parts, 72 of 74 maps and 22 of 96 parts were.
     """
 
     # Area of a part, relative to that of the whole, below which regions are searched for it. Hands have 1 to 2 %, feet
@@ -57,7 +57,7 @@ REGION = RegionTuning()
 
 @dataclass(frozen=True, eq=False)
 class Region:
-    """A part, and a region of a whole in which it may be, in a unit of their own."""
+    """A part, and a region of a whole in which it may be, in a separate unit."""
 
     part: IncompleteShape  # the part
     whole: IncompleteShape  # the region
@@ -93,7 +93,7 @@ class Region:
         return inside
 
     def in_space(self, places: Integers) -> Floats:
-        """(q, 3) where places (q,) of the region are, in the unit of the pair."""
+        """(q, 3) positions of places (q,) of the region, in the unit of the pair."""
         region = self.whole.shape
         points = region.mesh.vertices[region.search.samples[places]]
         return points if self.vertex is None else self._in_pair(points)

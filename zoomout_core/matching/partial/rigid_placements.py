@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Rigid placements of one of two fragments on the other, by which their surfaces overlap.
 
-Animals of other species have other distances between their landmarks, and two fragments may share no tip. But where
-they overlap, they are nearly in the same pose. For each of some rotations, pairs of places with similar normals vote
-for a shift (a Hough transform; Ballard, Generalizing the Hough transform to detect arbitrary shapes, 1981). The
-placements with the most votes are refined by rigid ICP (Besl and McKay, A method for registration of 3-D shapes, 1992)
-and ranked by their overlap. Unlike a map of all places, a placement does not pull what has no partner onto the other
-fragment.
+Distances between landmarks differ between species, and two fragments may share no tip. Where they overlap, however,
+they are nearly in the same pose. For each of some rotations, pairs of places with similar normals vote for a shift (a
+Hough transform; Ballard, Generalizing the Hough transform to detect arbitrary shapes, 1981). The placements with the
+most votes are refined by rigid ICP (Besl and McKay, A method for registration of 3-D shapes, 1992) and ranked by their
+overlap. Unlike a map of all places, a placement does not pull places without a partner onto the other fragment.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ from zoomout_core.tuning import Tuning, tuned
 class RigidPlacementTuning(Tuning, set_by="official"):
     """How placements are found; lengths are those of the larger shape at unit area."""
 
-    rotations: int = tuned(600, "rotations", 1, 100_000)  # number of rotations that are tried, about 25 degrees apart
+    rotations: int = tuned(600, "rotations", 1, 100_000)  # number of rotations to test, about 25 degrees apart
     refined: int = tuned(150, "placements", 1, 100_000)  # number of placements with the most votes, which are refined
     kept: int = tuned(16, "placements", 1, 1000)  # number of placements that differ, by which the part is registered
     apart: float = tuned(0.12, "length", 0, 10)  # minimum mean distance between the positions of placements that differ
@@ -44,7 +43,7 @@ CELLS_PER_ROTATION = 2
 ROUNDS, ROBUST_SCALE = 5, 0.08
 # Distance in length that equals a unit difference of normals, in the search for nearest places.
 NORMAL_WEIGHT = 0.2
-# Two places overlap within this distance in length, and from this cosine of their normals on.
+# Two places overlap within this distance in length, and above this cosine of their normals.
 NEAR, AGREEING = 0.1, 0.5
 # A place whose nearest place is within this distance in length from a cut may have no partner.
 NEAR_CUT = 0.06
@@ -57,7 +56,7 @@ MIN_PLACES = 4
 class Placement(NamedTuple):
     """A rigid placement of a part on a whole."""
 
-    rank: float  # how little speaks for it: the lowest is the best
+    rank: float  # cost of the placement: the lowest is the best
     positions: Floats  # (n, 3) the part's vertices in the whole's frame
     places: Integers  # (d_p,) for each place of the part the nearest place of the whole with a similar normal
 
@@ -137,7 +136,7 @@ def _vote(here: _Places, there: _Places) -> list[tuple[Floats, Floats]]:
 
 
 def _refine(rotation: Floats, shift: Floats, here: _Places, there: _Places, tree: cKDTree) -> tuple[Floats, Floats]:
-    """A rotation and shift after rigid ICP of places, in which those on cuts of the whole do not count."""
+    """A rotation and shift after rigid ICP of places, which ignores those on cuts of the whole."""
     for _ in range(ROUNDS):
         placed = here.move(rotation, shift)
         near = tree.query(placed.with_normals())[1]

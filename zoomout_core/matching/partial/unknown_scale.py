@@ -39,24 +39,24 @@ class UnknownScaleTuning(Tuning, set_by="partial"):
     # The same for hands (true scales 0.1 to 0.15) and feet (0.15 to 0.22), which are searched for in regions.
     small_scales: tuple[float, ...] = tuned((0.1, 0.14, 0.19), "1", 1e-3, 1)
     regions: int = tuned(2, "regions", 0, 100)  # of the part, which are searched for on their own to find its scale
-    # Number of maps at each scale by which the part is registered coarsely. The right map is among the first four by
-    # promise on 16 of 16 pairs (people and cats), but only within one scale: smaller parts promise more.
+    # Number of maps at each scale by which the part is registered coarsely. The right map is among the four with the
+    # lowest cost on 16 of 16 pairs (people and cats), but only within one scale: smaller parts have lower costs.
     maps_per_scale: int = tuned(4, "maps", 1, 1000)
     compared: int = tuned(3, "scales", 1, 100)  # number of scales, fitted to their first maps, that are compared
-    # A place at another scale is matched, too, if its certainty is at least this part of that of the best one: of a
-    # person with missing pieces two scales have .60 and .61, and the first is right.
+    # A place at another scale is also matched if its certainty is at least this fraction of the best one's. Two scales
+    # of a person with missing pieces have .60 and .61, and the first is right.
     nearly: float = tuned(0.9, "1", 0, 1)
-    another_scale: float = tuned(1.1, "1", 1, 100)  # scales are different from this factor between them on
+    another_scale: float = tuned(1.1, "1", 1, 100)  # scales differ above this factor between them
     far: float = tuned(0.15, "length", 0, 10)  # minimum distance between two places that contribute to the scale
     likely: float = tuned(0.5, "probability", 0, 1)  # higher, as the best of several scales is chosen
     # Certainty of the map of two wholes above which no other unit is tried. If a piece is missing, maps with .57 and
     # .88 are off by 147 and 69 (x 1000), whereas the part in its own unit has .94 and .96 and is off by 23.
     certain: float = tuned(0.9, "probability", 0, 1)
-    # Minimum scale of one of two fragments. At 0.33 a certainty of one half takes a fit of -4.5, which one of 16 pairs
-    # of animals reaches in the same unit.
+    # Minimum scale of one of two fragments. At 0.33 a certainty of one half requires a fit of -4.5, which one of 16
+    # pairs of animals reaches in the same unit.
     of_fragments: float = tuned(0.4, "1", 0, 1)
     # Certainty of the rough place of one of two fragments below which no scale is fitted: a smaller part fits anywhere.
-    # On seven pairs of animals three maps were likely, from 0.36, 0.91 and 0.95 on; lost pairs have at most 0.12.
+    # On seven pairs of animals three maps were likely, with 0.36, 0.91 and 0.95; lost pairs have at most 0.12.
     min_of_fragments: float = tuned(0.15, "probability", 0, 1)
     one_unit: float = tuned(1.25, "1", 1, 100)  # units are the same up to this factor between their scales
 
@@ -70,8 +70,8 @@ def match_at_unknown_scale(
     """Match two shapes of unknown units, one of which is a part of the other, in the unit in which the part fits best.
 
     Parts as small as hands are only searched for if neither a larger part nor the map found before, by its `certainty`,
-    is likely. Returns the pair in one unit, in which the larger shape has unit area, and its candidates by certainty;
-    None if neither shape is a fragment, or if both are, but fit nowhere on so much area that their map may be likely.
+    is likely. Returns the pair in one unit, in which the larger shape has unit area, and its candidates by certainty.
+    None if neither shape is a fragment, or if two fragments overlap nowhere on enough area for a likely map.
     """
     shapes = [at_scale(shape, shape.basis.areas.sum() ** -0.5) for shape in (pair.source_shape, pair.target_shape)]
     parts = [number for number, shape in enumerate(shapes) if IncompleteShape(shape).is_fragment]
@@ -116,14 +116,14 @@ class RoughPlace:
 
     certainty: float  # probability that it is right
     scale: float  # of the part, at which it fits best there
-    places: Integers  # (d_p,) for each place of the part that of the whole
+    places: Integers  # (d_p,) the whole's place for each place of the part
 
 
 def rough_places(part: ShapeAnalysis, whole: ShapeAnalysis, scales: Sequence[float]) -> list[RoughPlace]:
     """Places of a part of unit area on a whole of unit area, the most certain first, searched for at some scales.
 
-    The scales do not compete at first: in a smaller unit every map seems better. Those whose best maps are the most
-    certain are fitted to these maps, and compared once the part is finely registered.
+    The scales do not compete at first, because every map seems better in a smaller unit. Scales with the most certain
+    maps are fitted to these maps, and compared once the part is finely registered.
     """
     there, sets = IncompleteShape(whole), landmark_sets(_incomplete(part, scales[0]), UNKNOWN_SCALE.regions)
     _ = there.unaffected  # computed once, before several threads need it
@@ -170,5 +170,5 @@ def stretch(candidate: PartCandidate) -> float:
 
 
 def times_as_large(pair: Pair) -> float:
-    """How many times as large as by its vertices the target of a pair in one unit is, relative to the source."""
+    """The factor by which a pair in one unit scales the target's vertices, relative to the source's."""
     return pair.source_shape.proxy.full.scale / pair.target_shape.proxy.full.scale

@@ -2,9 +2,9 @@
 """Find fingers and other branches that a finished map sends to the wrong branch, and rematch them.
 
 If fingers touch on one shape and are spread on the other, the finger that is nearest in space is often the wrong one.
-No edge of the map is torn then, but two fingers share one, and another finger receives nothing. The tips of branches
-are maxima of the average geodesic distance. The tips of a hand are paired with those of the other hand by their mutual
-geodesic distances. A branch with images on a wrong branch is registered to its own partner.
+The map then tears no edge, but two fingers map to the same one, and another finger receives nothing. The tips of
+branches are maxima of the average geodesic distance. The tips of a hand are paired with those of the other hand by
+their mutual geodesic distances. A branch with images on a wrong branch is registered to its own partner.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from zoomout_core.tuning import Tuning, tuned
 
 # Maximum number of samples of a branch to which another one is registered, and their average number on a triangle.
 SAMPLES, SAMPLES_OF_TRIANGLE = 20_000, 20
-# Alternations of closest points and alignment, and the vertices that are aligned; more of either change nothing.
+# Iterations of closest points and alignment, and the vertices that are aligned; more of either change nothing.
 ROUNDS, ALIGNED_VERTICES = 3, 2000
 # Relative distance from the tip up to which a triangle belongs to the branch that another one is registered to.
 MARGIN = 1.1
@@ -41,7 +41,7 @@ MIN_TIPS = 3
 
 @dataclass(frozen=True)
 class BranchTuning(Tuning, set_by="everywhere"):
-    """Which tips have branches, and which of these are siblings."""
+    """The conditions for tips to have branches, and for branches to be siblings."""
 
     persistence: float = tuned(0.02, "at unit area", 0, 2)  # minimum rise of the average distance to a tip
     max_count: int = tuned(24, "tips", 2, 100)  # maximum number of tips of a shape
@@ -136,8 +136,8 @@ def _images(surface_map: SurfaceMap, source: Branches, target: Branches) -> tupl
 def _partners(source: Branches, target: Branches, vertices: Integers, distances: SingleFloats) -> dict[int, int]:
     """The source's tip of each of the target's tips, for tips with siblings, such as fingers.
 
-    Siblings, whose branches grow from one place, are paired with siblings by the distances among them. These decide
-    unless the map already pairs the tips about as well.
+    Siblings, whose branches begin at one place, are paired with siblings by the distances among them, unless the map
+    already pairs the tips about as well.
     """
     nearest = np.full(len(target.length), -1)
     for tip, length in enumerate(target.length):
@@ -156,9 +156,9 @@ def _partners(source: Branches, target: Branches, vertices: Integers, distances:
 def _pair_siblings(
     source: Branches, target: Branches, tips: Integers, others: Integers, nearest: Integers
 ) -> dict[int, int]:
-    """Pair siblings (k,) of the target with as many of the source by the distances among them; empty if these differ.
+    """Pair siblings (k,) of the target with k of the source by the distances among them; empty if these differ.
 
-    The map has each of the target's tips near the source's tip `nearest` (k,).
+    The map sends each of the target's tips near the source's tip `nearest` (k,).
     """
     i, j = np.triu_indices(len(tips), k=1)
     choices = others[np.array(list(permutations(range(len(others)))))]
@@ -178,9 +178,9 @@ def _register(
 ) -> tuple[Integers, Integers, Floats] | None:
     """Register a branch of the target to one of the source alone, by rigid ICP (Besl and McKay 1992).
 
-    It starts with both tips at the same point, turned like the map around the base, and then along the other branch.
+    It starts with both tips at the same point, first rotated like the map around the base, then along the other branch.
     Returns (q,) the branch's vertices, (q,) triangles of the source, and (q, 3) barycentric coordinates; None if the
-    meshes are too coarse to tell how the branches are turned.
+    meshes are too coarse to determine the rotation.
     """
     away, away_source = target.distances[:, tip] / target.length[tip], source.distances[:, other] / source.length[other]
     places, rest = pair.target.vertices / pair.target.working.scale, pair.source.vertices / pair.source.working.scale

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How far a map can be trusted, vertex by vertex."""
+"""The confidence of a map at each vertex."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ ON_BORDER = 1e-2
 
 @dataclass(frozen=True)
 class ConfidenceTuning(Tuning, set_by="correspondence"):
-    """From the misses of a map to its confidence."""
+    """How errors of a map determine its confidence."""
 
     # Expected error at which the confidence is 0.5. At this value half of the vertices are off by more than 0.025, and
     # a fifth by more than 0.05; at half of it these are 0.009 and a fiftieth (36 pairs of five kinds of shapes).
@@ -54,7 +54,7 @@ class Partners(NamedTuple):
 
 def confidence_of(
     there: SurfaceMap,  # from the target's mesh to the source's
-    back: SurfaceMap,  # from the source's mesh to the target's, found on its own
+    back: SurfaceMap,  # from the source's mesh to the target's, computed independently
     functional_map: Floats,  # (k_target, k_source) of the map from the target
     source: ShapeAnalysis,
     target: ShapeAnalysis,
@@ -64,11 +64,11 @@ def confidence_of(
     # have one by default.
     has_partner: Booleans | None = None,
 ) -> tuple[Floats, float]:
-    """Confidence from the error that three indicators agree on, and from triangles that the map turns over.
+    """Confidence from the error that three indicators agree on, and from triangles that the map flips.
 
     There are three indicators: the error of the round trip, the disagreement of the eigenfunctions at both ends, and
     the deviation of the map from a similarity of the surroundings. Each alone fails: the first if the maps of both
-    directions have the same error, the second where eigenfunctions of different places are alike, the third inside a
+    directions have the same error, the second where eigenfunctions of different places are similar, the third inside a
     limb that is mapped to another limb. Their product orders errors better than each. Returns (n_t,) confidence in [0,
     1], and the part of the target's area, in [0, 1], that the map flips.
     """
@@ -92,15 +92,16 @@ def confidence_of(
 
 
 def partners_by_cycle(there: SurfaceMap, back: SurfaceMap, source: ShapeAnalysis, target: ShapeAnalysis) -> Partners:
-    """Which vertices of two shapes' meshes return close to where they started, mapped there and back.
+    """Which vertices of two shapes' meshes return close to themselves when mapped there and back.
 
-    A tail that the other shape lacks maps to its surroundings there, and the map back, found on its own, misses it.
+    A tail that the other shape lacks maps to its surroundings there. The map back is computed independently, and misses
+    it.
     """
     return Partners(_returns(there, back, target, source), _returns(back, there, source, target))
 
 
 def _returns(there: SurfaceMap, back: SurfaceMap, shape: ShapeAnalysis, other: ShapeAnalysis) -> Booleans:
-    """(n,) whether the vertices of a shape's mesh return close to where they started."""
+    """(n,) whether the vertices of a shape's mesh return close to themselves."""
     cycle = cycle_error(there, back, shape.mesh.vertices)
     pooled = shape.basis.smoothed(cycle[:, None], CONFIDENCE.pooling**2)[:, 0]
     on_border = np.zeros(len(other.mesh.vertices), dtype=bool)

@@ -48,14 +48,14 @@ class Alignment:
     normals: Floats  # (n_t, 3) their outward normals, rotated with them
 
     def facing(self, normals: Floats, source: ShapeAnalysis, target: ShapeAnalysis) -> Alignment:
-        """The same, with normals flipped to agree with those at the images (n, 3) if sides are not known."""
+        """The same alignment, with normals flipped to agree with those at the images (n, 3) if sides are not known."""
         if sides_are_known(source, target) or np.einsum("nx,nx->", self.normals, normals) >= 0:
             return self
         return Alignment(self.positions, -self.normals)
 
 
 def sides_are_known(source: ShapeAnalysis, target: ShapeAnalysis) -> bool:
-    """Whether the outer side of both shapes is known; that of a cloth is not, as it may bend either way."""
+    """Whether the outer side of both shapes is known. That of a cloth is not, because it may bend either way."""
     return source.mesh.sides_are_known and target.mesh.sides_are_known
 
 

@@ -34,7 +34,7 @@ class QueryPoints:
     """Samples of a shape that are projected onto the other one."""
 
     vertex: Integers  # (p,) their numbers
-    areas: Floats  # (p,) the part of the surface's area that each stands for
+    areas: Floats  # (p,) the area of the surface that each represents
 
     @classmethod
     def on(cls, shape: ShapeAnalysis, nodes: int) -> QueryPoints:
@@ -57,12 +57,12 @@ class Surroundings:
     @staticmethod
     @once_per_argument
     def of(source: ShapeAnalysis) -> Surroundings:
-        """Those of a shape as it is."""
+        """Prepare an undeformed shape."""
         return Surroundings.deform(source, source.mesh.vertices, source.mesh.vertex_normals)
 
     @classmethod
     def deform(cls, source: ShapeAnalysis, positions: Floats, normals: Floats) -> Surroundings:
-        """The same for a shape with other vertex positions (n, 3) and unit normals (n, 3)."""
+        """Prepare a shape with other vertex positions (n, 3) and unit normals (n, 3)."""
         places = _with_normals(positions, normals)
         return cls(source, places, cKDTree(places), EmbeddedSurface(positions, source.neighbourhoods))
 
@@ -76,7 +76,7 @@ class GeodesicLimit:
     """Rejects correspondences that are too far from the first map's images in geodesic distance on the source.
 
     The first map sends the target's vertices to vertices `first` (n_t,) of the source. Correspondences on vertices
-    `is_cut` (n_s,) next to a missing part are rejected, too, because they may belong to that.
+    `is_cut` (n_s,) next to a missing part are rejected, too, because they may belong to this part.
     """
 
     def __init__(self, first: Integers, source: ShapeAnalysis, is_cut: Booleans | None = None) -> None:
@@ -108,7 +108,7 @@ def residuals(
     mesh = around.source.mesh
     found = around.closest(positions[here.vertex], normals[here.vertex])
     back = there.vertex
-    if len(back):  # nothing of a whole is projected to its part
+    if len(back):  # a whole is not projected to its part
         back = np.asarray(cKDTree(_with_normals(positions, normals)).query(around.places[back])[1])
     vertex = np.concatenate([here.vertex, back])
     partner = np.concatenate([found.interpolate(mesh.vertices), mesh.vertices[there.vertex]])

@@ -2,8 +2,8 @@
 """Deformation graphs: nodes spread over a mesh that move it (Sumner, Schmid and Pauly, Embedded deformation for shape
 manipulation, 2007), fitted by the Gauss-Newton method.
 
-Other bodies have other proportions, so the rest shape may adapt to the stretch of the surroundings of each node, which
-then costs less.
+Bodies differ in their proportions. The rest shape may therefore adapt to the stretch of the surroundings of each node,
+which then costs less.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 
 # Diagonals grow by this part (Marquardt 1963), which exceeds the rounding of single precision. Single precision takes
 # two thirds of the time, and is exact enough because the next step searches closest points again. The second, relative
-# to the mean of the diagonal, keeps a node in place that no residual depends on.
+# to the mean of the diagonal, fixes nodes that no residual depends on.
 DAMPING, MIN_DIAGONAL = 1e-5, 1e-9
 # Nodes that move each vertex.
 NODES_PER_VERTEX = 5
@@ -104,7 +104,7 @@ class DeformationGraph:
     rotations: Floats  # (d, 3, 3) of the nodes
     images: Floats  # (d, 3) positions of the nodes
     stride: Floats  # (d, 6) the last step towards closest points: rotation vectors and translations
-    # (d, 3, 3) symmetric matrices that stretch the surroundings of each node before it turns them.
+    # (d, 3, 3) symmetric matrices that stretch the surroundings of each node before its rotation.
     stretch: Floats = field(init=False)
 
     def __post_init__(self) -> None:
@@ -129,7 +129,7 @@ class DeformationGraph:
         return cls(nodes, rest, normals, rotations, own[:, 3:6] + shift, np.zeros((count, 6)))
 
     def adapt_stretch(self) -> None:
-        """Adapt the rest shape to how images stretch each node's surroundings: to half of it, with `RIGIDITY` 1."""
+        """Adapt the rest shape to the stretch of each node's surroundings by the images: by half, with `RIGIDITY` 1."""
         first, second, bond = self.nodes.first, self.nodes.second, self.nodes.bond[:, None]
         places = self.rest[self.nodes.vertex]
         away = places[second] - places[first]
@@ -139,12 +139,13 @@ class DeformationGraph:
         pooled = sums + segment_sum(bond * sums[second], first, len(self.rotations))
         moments = pooled.reshape(-1, 2, 3, 3)
         spread = np.trace(moments[:, 1], axis1=1, axis2=2)
-        rigid = (RIGIDITY / 3 * spread)[:, None, None] * np.eye(3)
+        # A node without neighbours does not stretch.
+        rigid = np.where(spread > 0, RIGIDITY / 3 * spread, 1.0)[:, None, None] * np.eye(3)
         linear = (moments[:, 0] + rigid) @ np.linalg.inv(moments[:, 1] + rigid)
         self.stretch = (linear + linear.transpose(0, 2, 1)) / 2
 
     def offsets(self, vertex: Integers) -> Floats:
-        """(q, c, 3) some vertices, seen from the nodes that move them, as these stretch and turn them."""
+        """(q, c, 3) some vertices relative to the nodes that move them, stretched and rotated by these."""
         near = self.nodes.near[vertex]
         away = self.rest[vertex, None] - self.rest[self.nodes.vertex][near]
         return np.einsum("qcij,qcj->qci", (self.rotations @ self.stretch)[near], away)
@@ -189,7 +190,7 @@ class DeformationGraph:
         return moved
 
     def _stiffness(self, stiffness: float) -> list[_Rows]:
-        """Residuals of neighbouring nodes: of the places that they assign to each other, and of their rotations."""
+        """Residuals of neighbouring nodes: of the positions they predict for each other, and of their rotations."""
         first, second = self.nodes.first, self.nodes.second
         places = self.rest[self.nodes.vertex]
         away = np.einsum("eij,ej->ei", (self.rotations @ self.stretch)[first], places[second] - places[first])
@@ -213,7 +214,7 @@ class _Rows(NamedTuple):
     """Some rows of a linear system for the nodes' motion, three at a time."""
 
     node: Integers  # (r, c) the nodes that they depend on
-    blocks: Floats  # (r, c, 3, 6) derivatives by a small turn and a shift of each
+    blocks: Floats  # (r, c, 3, 6) derivatives by a small rotation and translation of each
     goal: Floats  # (r, 3) right-hand sides
 
 
@@ -225,7 +226,7 @@ def crossing(vectors: Floats) -> Floats:
 
 
 def _normal_equations(parts: list[_Rows], place: Integers) -> tuple[SingleFloats, SingleFloats]:
-    """The system for the motion of d nodes, each at its `place` (d,), in single precision.
+    """The system for the motion of d nodes, in the order `place` (d,), in single precision.
 
     Returns (b, 6 d) the diagonal of the symmetric matrix and those below it, and (6 d,) the right-hand side.
     """

@@ -53,10 +53,10 @@ class Level(NamedTuple):
 
 
 class Pins(NamedTuple):
-    """Vertices of the target that a fit draws to places on the source."""
+    """Vertices of the target that a fit attracts to points on the source."""
 
     vertex: Integers  # (p,) their numbers
-    goal: Floats  # (p, 3) their places
+    goal: Floats  # (p, 3) these points
 
 
 # Weight of the squared distance of each pin from its goal: that of a few dozen query points, whose weights sum to one.
@@ -183,7 +183,7 @@ def lift_fit(fit: Fit, source: Proxy, target: Proxy, in_space: Floats) -> Surfac
 
     Each vertex of the target's part moves with its place on the proxy, and maps to the closest point of the source's
     part. If that point is far from the image by the proxies' map, on another part that touches, the image is used.
-    `in_space` (n_t, 3) is the target's part where it is in space, in the frame of the source's part.
+    `in_space` (n_t, 3) is the undeformed target's part in the frame of the source's part.
     """
     if source.mesh is source.full and target.mesh is target.full and not fit.fits.any():
         return fit.surface_map
@@ -206,14 +206,14 @@ def lift_fit(fit: Fit, source: Proxy, target: Proxy, in_space: Floats) -> Surfac
 
 
 def replace_images(surface_map: SurfaceMap, at: Booleans | Integers, by: SurfaceMap) -> SurfaceMap:
-    """A map that takes the images of some vertices, by a mask (n,) or numbers (q,), from the map `by` of these."""
+    """Replace the images of some vertices, given by a mask (n,) or numbers (q,), by those of the map `by`."""
     triangle, barycentric = surface_map.triangle.copy(), surface_map.barycentric.copy()
     triangle[at], barycentric[at] = by.triangle, by.barycentric
     return SurfaceMap(triangle, barycentric, surface_map.source_triangles)
 
 
 def _astray(found: SurfaceMap, first: SurfaceMap, source: ShapeAnalysis, target: ShapeAnalysis) -> Booleans:
-    """(n_t,) where eigenfunctions disagree with a map more than with the one that it was fitted from."""
+    """(n_t,) the vertices where eigenfunctions disagree with a map more than with its initial map."""
     k = min(RIGID_ALIGNMENT.image_functions, len(source.basis.eigenvalues), len(target.basis.eigenvalues))
     values, eigenvalues = target.basis.eigenvectors[:, :k], target.basis.eigenvalues[:k]
     pulled = [surface_map.interpolate(source.basis.eigenvectors[:, :k]) for surface_map in (found, first)]

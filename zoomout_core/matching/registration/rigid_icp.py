@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Register parts of a target that have not moved relative to the source by a single motion, exactly."""
+"""Register unmoved parts of a target exactly to the source, by a single motion."""
 
 from __future__ import annotations
 
@@ -70,12 +70,12 @@ def rigid_vertices(
 
 
 def settle(goal: Floats, fits: Booleans, points: Floats, in_space: Floats, source: Proxy) -> tuple[Floats, float]:
-    """Refine the goals (n, 3) of points (n, 3) that a single similarity takes close to them, those that fit (n,).
+    """Refine the goals (n, 3) of points (n, 3), where they fit (n,), if a single similarity takes the points close.
 
-    A proxy differs from its mesh by more than two meshes of one surface do. So if most of a body has not moved, only
-    the full meshes determine its position exactly. The points' positions `in_space` (n, 3) are kept if they fit about
-    as well without a motion: they are exact, unlike a motion that is fitted to two meshes. The transition is gradual,
-    so that nothing jumps if one of the two is moved away.
+    A proxy differs from its mesh by more than two meshes of one surface do. If most of a body did not move, only the
+    full meshes therefore determine its position exactly. The points' positions `in_space` (n, 3) are kept if they fit
+    about as well without a motion, because they are exact, unlike a motion that is fitted to two meshes. The transition
+    is gradual, so that results do not jump if one of the two is moved away.
 
     Goals and results are in the frame of the source's part, points in that of the target's. Returns (n, 3) positions,
     and the maximum distance of the refined ones from the source, at unit area.

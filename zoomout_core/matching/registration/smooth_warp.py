@@ -31,7 +31,7 @@ from zoomout_core.tuning import Tuning, tuned
 
 @dataclass(frozen=True)
 class WarpTuning(Tuning, set_by="specimens"):
-    """How to warp a source onto a target. The numbers were set on jaws.
+    """Parameters of warps, tuned on jaws.
 
     Attributes:
         centres: number of centres of the spline.
@@ -41,9 +41,9 @@ class WarpTuning(Tuning, set_by="specimens"):
         first_rounds: fits with robust weights to these.
         rounds: fits to closest points with each stiffness.
         first_stiffness: factor of the bending energy in the fits to correspondences.
-        stiffness: the same in the fits to closest points, one after the other.
+        stiffness: the same for each of the successive fits to closest points.
         sliding: weight of a squared distance along the surface against one across it.
-        normal_weight: the distance that counts as much as a unit difference of normals.
+        normal_weight: the distance that equals a unit difference of normals.
     """
 
     centres: int = tuned(150, "points", 4, 2000)
@@ -61,7 +61,7 @@ class WarpTuning(Tuning, set_by="specimens"):
 WARP = WarpTuning()
 # Enough to distinguish smooth warps from others, and for the inverse direction.
 ROUGH_WARP = replace(WARP, centres=60, points=4000, residuals=1000, rounds=2)
-# Confidence below which correspondences are left out, if enough remain.
+# Correspondences with less confidence are excluded, if enough remain.
 MIN_CONFIDENCE = 0.2
 # Scales of Cauchy's weights, in medians of the residuals.
 CAUCHY_SCALE, ICP_SCALE = 1.5, 6.0
@@ -93,7 +93,7 @@ class Samples(NamedTuple):
         return cls(points, unit_vectors(np.einsum("sc,scx->sx", weights, normals[corners])))
 
     def thin(self, count: int) -> Samples:
-        """At most `count` of them, evenly spread."""
+        """Choose at most `count` of them, evenly spread."""
         chosen = evenly(len(self.points), count)
         return Samples(self.points[chosen], self.normals[chosen])
 
@@ -136,7 +136,7 @@ def outward_normals(mesh: WorkingMesh) -> Floats:
 
 
 def winding_number(point: Floats, corners: Floats) -> float:
-    """How often triangles (m, 3, 3) wind around a point (3,): the sum of their solid angles (Van Oosterom 1983)."""
+    """The winding number of triangles (m, 3, 3) around a point (3,), from their solid angles (Van Oosterom 1983)."""
     a, b, c = np.moveaxis(corners - point, 1, 0)
     of_a, of_b, of_c = (np.linalg.norm(each, axis=1) for each in (a, b, c))
     volume = np.einsum("mx,mx->m", a, np.cross(b, c))
@@ -172,14 +172,14 @@ class Correspondences(NamedTuple):
 
     @classmethod
     def of_candidate(cls, result: MatchResult, number: int) -> Correspondences:
-        """The few correspondences that are known of a candidate before its map is computed."""
+        """The few known correspondences of a candidate whose map is not computed yet."""
         at, images = result.outline(number)
         points = result.source.working.from_surface(result.source.vertices[images])
         partners = result.target.working.from_surface(result.target.vertices[at])
         return cls(points, partners, np.ones(len(at)))
 
     def swap(self) -> Correspondences:
-        """The same, from the other surface."""
+        """The same correspondences, from the other surface."""
         return Correspondences(self.partners, self.points, self.trust)
 
     def distances(self, fit: ThinPlateFit) -> Floats:

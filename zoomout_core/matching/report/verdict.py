@@ -31,6 +31,7 @@ SILENT = (
 )
 MIRRORED = "This match is a mirror image: it maps left to right."
 DOUBTFUL = "{share:.0%} of the target is doubtful."
+DOUBTFUL_VERTICES = "{share:.0%} of the target's vertices are doubtful."
 ALONE = "{share:.0%} of the target has no partner on the source."
 TRY_CANDIDATES = "Compare the other candidates, or add a few landmarks and match again."
 LOOK_AT_SIDES = "Check whether sides are swapped; if so, choose another candidate or add landmarks."
@@ -61,6 +62,9 @@ class VerdictTuning(Tuning, set_by="everywhere"):
     shattered: float = tuned(0.2, "1", 0, 1)  # maps with a larger part are red
     silent: float = tuned(0.001, "1", 0, 1)  # part of the outside on parts that do not arrive, of an amber map
     doubtful: float = tuned(0.5, "1", 0, 1)  # largest part of the target's area of low confidence of a green map
+    # The same part of its vertices, whose data is mostly filled in. Doubts at creases, where vertices are dense, have
+    # little area: a wolf that was thinned with its hard edges split has .76 of its vertices, but .46 of its area.
+    doubtful_vertices: float = tuned(0.5, "1", 0, 1)
     alone: float = tuned(0.1, "1", 0, 1)  # largest part of the target's area without a partner of a green map
     arrived: float = tuned(0.25, "1", 0, 1)  # of its visible share that a part of the source must have on the target
     # The same, if what arrives counts by its confidence. On characters of many parts, maps that are wrong there but
@@ -105,6 +109,7 @@ class Faults(NamedTuple):
         alone: the part of the target's area without a partner.
         mirrored: the map reverses the orientation.
         unplaced: the part of the target's area without a known place, by which the certainty is lower.
+        doubtful_vertices: the part of the target's vertices of low confidence.
     """
 
     torn: float = 0.0
@@ -113,6 +118,7 @@ class Faults(NamedTuple):
     alone: float = 0.0
     mirrored: bool = False
     unplaced: float = 0.0
+    doubtful_vertices: float = 0.0
 
 
 NO_FAULTS = Faults()
@@ -120,12 +126,13 @@ NO_FAULTS = Faults()
 
 def judge(certainty: float, faults: Faults = NO_FAULTS) -> Verdict:
     """The verdict on a map, from the probability that it is right as a whole, and its faults."""
-    torn, silent, doubtful, alone, mirrored, unplaced = faults
+    torn, silent, doubtful, alone, mirrored, unplaced, doubtful_vertices = faults
     # No other candidate is likely, and sides are not in doubt.
     only_unplaced = certainty < VERDICT.certain and certainty >= VERDICT.certain * (1 - unplaced)
     # No other candidate is likely, but the map is torn.
     only_torn = torn > VERDICT.torn and certainty >= VERDICT.torn_certainty * (1 - unplaced)
     is_uncertain = certainty < VERDICT.certain and not only_torn
+    many_vertices = doubtful_vertices > VERDICT.doubtful_vertices
     look_there = LOOK_AT_PARTS if silent >= VERDICT.silent else LOOK_AT_DOUBTFUL
     cases = (
         (certainty < VERDICT.wrong, RED, message(WRONG, certainty=probability(certainty)), TRY_CANDIDATES),
@@ -136,6 +143,7 @@ def judge(certainty: float, faults: Faults = NO_FAULTS) -> Verdict:
         (silent >= VERDICT.silent, AMBER, message(SILENT, share=silent), LOOK_AT_PARTS),
         (torn > VERDICT.torn, AMBER, message(TORN, share=torn), LOOK_AT_TORN),
         (doubtful > VERDICT.doubtful, AMBER, message(DOUBTFUL, share=doubtful), LOOK_AT_DOUBTFUL),
+        (many_vertices, AMBER, message(DOUBTFUL_VERTICES, share=doubtful_vertices), LOOK_AT_DOUBTFUL),
         (alone > VERDICT.alone, AMBER, message(ALONE, share=alone), LOOK_AT_ALONE),
     )
     for is_present, level, sentence, advice in cases:

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from importlib import import_module
 from io import BytesIO
 from os import PathLike
 from pathlib import Path
@@ -26,6 +25,7 @@ from zoomout_core.arrays import Booleans
 from zoomout_core.mesh.formats.blender_files import ENDINGS as OF_BLENDER
 from zoomout_core.mesh.formats.blender_files import write_surface
 from zoomout_core.mesh.formats.gltf_files import read_gltf_file
+from zoomout_core.mesh.formats.gltf_scene import read_scene
 from zoomout_core.mesh.formats.more_files import READERS as MORE_READERS
 from zoomout_core.mesh.formats.more_files import Faces, Polygons, join
 from zoomout_core.mesh.formats.obj_files import parse_obj
@@ -251,9 +251,10 @@ def _read_with_extra(path: Path) -> Polygons:
 
 def _read_gltf(path: Path) -> Polygons:
     """The posed shape of a file, whose vertices have the same numbers as in its asset."""
-    # The package of assets, which poses skins and joins vertices that were split, is higher than this one.
-    surface = import_module("zoomout_core.assets.gltf.read").read_gltf_surface(path)
-    return _read_gltf_points(path) if surface is None else (surface.vertices, surface.corner_vertex, surface.face_start)
+    scene = read_scene(path)
+    if scene is None:
+        return _read_gltf_points(path)
+    return scene.surface.vertices, scene.surface.corner_vertex, scene.surface.face_start
 
 
 def _read_gltf_points(path: Path) -> Polygons:

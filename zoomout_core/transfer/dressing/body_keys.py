@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Keys of worn objects that follow the shape keys of the body.
 
-Cloth on the skin moves like the skin beneath it. A place farther away moves like the mean of a wider patch of skin,
-which local changes of shape hardly affect. When the thighs grow, a skirt hangs as before; it rises with the hips. Where
-the skin would come through, cloth is pushed out.
+Cloth on the skin moves like the skin below it. A place farther away moves like the mean of a wider patch of skin, which
+local changes of shape hardly affect: a skirt keeps its shape when the thighs grow, and rises with the hips. Where the
+skin would come through, cloth is pushed out.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class BodyKeyTuning(Tuning, set_by="outfits"):
 
     Attributes:
         nearest: standard deviation of the weights of a patch near the skin.
-        close: distance from the skin up to which patches are so narrow.
+        close: distance from the skin up to which patches have this width.
         spreading: growth of the standard deviation beyond it, as a share of the distance.
     """
 
@@ -58,8 +58,8 @@ def follow_keys(
 ) -> tuple[Floats, ...]:
     """Offsets that make worn objects follow the shape keys of the body that wears them.
 
-    With a key at 1, what was outside of the skin is outside of it again. Vertices that a key does not move visibly stay
-    exactly in place.
+    With a key at 1, vertices that were outside the skin are still outside it. Vertices that a key does not move visibly
+    stay exactly in place.
 
     Args:
         body: the body, at rest, without the objects.
@@ -132,7 +132,7 @@ def _pushes(form: Form, offsets: Floats, skin: SidedSurface, keyed: Sequence[Sid
     if not moves.any():
         return pushes
     contact = Contact(form, form.rest, [Barrier(skin, skin)], np.flatnonzero(moves.any(axis=1)))
-    # No place needs to be farther from the skin than without the key.
+    # A place need not be farther from the skin than without the key.
     margins, growth = (-np.inf, CONTACT.min_margin), np.ones(len(form.rest))
     for key in np.flatnonzero(moves.any(axis=0)):
         moved = form.rest + offsets[first, key]

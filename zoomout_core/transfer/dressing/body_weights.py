@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Skin weights of worn objects on another body: changed as the weights of the skin below them change.
+"""Adapt the skin weights of worn objects to another body: they change like the weights of the skin below.
 
-A match slides along limbs, and armatures bend at joints of their own: cloth that keeps its weights bends beside the
-knee below it, so that the skin comes through in poses. Cloth keeps its own way of moving, such as that of a stiff
-collar or of a skirt with bones of its own, as far as it differed from the skin's before.
+A match may slide along limbs, and two armatures have different joints. Cloth that keeps its weights then bends beside
+the knee, and the skin comes through in poses. Cloth that moved differently from the skin before, such as a stiff collar
+or a skirt with its own bones, still does.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from scipy.sparse import csr_array, diags_array
 
 from zoomout_core.arrays import Floats
 from zoomout_core.geometry.screened_smoothing import ScreenedSmoothing
+from zoomout_core.mesh.affine_maps import normalise
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.runtime.threads import on_one_blas_thread
@@ -24,7 +25,6 @@ from zoomout_core.transfer.dressing.body_keys import means_of_skin
 from zoomout_core.transfer.dressing.form import Form, Lines, read_masks
 from zoomout_core.transfer.dressing.patches import Patches
 from zoomout_core.transfer.inpaint import MIN_WEIGHT
-from zoomout_core.transfer.rigging.skinning import normalise
 from zoomout_core.transfer.rigging.weights import limit_weights
 from zoomout_core.tuning import Tuning, tuned
 
@@ -43,7 +43,7 @@ class BodyWeightTuning(Tuning, set_by="outfits"):
 BODY_WEIGHTS = BodyWeightTuning()
 # Columns of weights that are smoothed together; bounds the memory.
 COLUMNS = 32
-# Bones per vertex that every format and engine supports: objects and bodies with fewer of them may get as many.
+# Bones per vertex that every format and engine supports. Objects and bodies with fewer may get this number.
 BONES = 4
 
 
@@ -64,10 +64,10 @@ def follow_weights(
     weights: Sequence[csr_array],
     keep: Sequence[Floats | None] | None = None,
 ) -> tuple[csr_array, ...]:
-    """Change the weights of worn objects as the weights of the skin below them change from one body to another.
+    """Change the weights of worn objects like the weights of the skin below them, from one body to another.
 
-    An object follows as far as its weights agree with those of the skin on the first body: the weights of a braid that
-    is bound to the head stay as they are.
+    An object follows to the degree to which its weights agree with the skin's on the first body. A braid that is bound
+    to the head keeps its weights.
 
     Args:
         before: the body that wore the objects.
@@ -76,7 +76,7 @@ def follow_weights(
         fitted: for each (n, 3) its vertices on the second one.
         weights: for each (n, b) its weights, of the same bones as those of both bodies.
         keep: for each object weights (n,) in [0, 1] of vertices that keep their form, or None, see `dress`. These also
-            keep their skin weights, so that what is stiff stays so in poses.
+            keep their skin weights, so that they stay stiff in poses.
 
     Returns:
         For each (n, b) its weights, with the same sums.

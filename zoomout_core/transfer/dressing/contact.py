@@ -32,8 +32,8 @@ class ContactTuning(Tuning, set_by="outfits"):
     Attributes:
         reach: maximum distance from the skin at which a place is tested.
         layer_reach: the same for a layer beneath.
-        over: minimum share of the places of a connected part near a layer that are above it; else both cross each other
-            and have no order.
+        over: minimum share of the places of a connected part near a layer that are above it. Below it, both cross each
+            other and have no order.
         max_margin: maximum distance from the skin that is kept.
         min_margin: minimum distance from the skin that is kept.
         mended: maximum original depth in the skin at which a place of a soft object is pushed out.
@@ -43,7 +43,7 @@ class ContactTuning(Tuning, set_by="outfits"):
         rounds: maximum number of rounds of testing and pushing.
         settled: share of a margin that may be missing.
         fine: length of edges below which only their ends are tested.
-        looked_at: distance from the margin beyond which a place is not tested again.
+        looked_at: distance from the margin above which a place is not tested again.
     """
 
     reach: float = tuned(0.08, "at unit area", 0, 1)
@@ -73,7 +73,7 @@ Margins: TypeAlias = tuple[float, float]
 
 
 class SidedSurface:
-    """A surface with two sides, wound so that its normals point outwards.
+    """A surface whose normals point outwards.
 
     Args:
         vertices: (n, 3) positions.
@@ -91,7 +91,7 @@ class SidedSurface:
 
     @cached_property
     def _search(self) -> OrientedSurface:
-        """The search for closest points, made on demand: nothing comes near most layers."""
+        """The search for closest points, created on demand: most layers are far from everything else."""
         points, triangles = ORIENTED_SEARCH.points, self.triangles
         if self._is_part:
             share = float(triangle_areas(self.vertices, triangles).sum())
@@ -112,7 +112,7 @@ class SidedSurface:
         return SidedSurface(vertices, self.triangles)
 
     def beside(self, points: Floats, reach: float) -> Integers:
-        """(b,) which of points (p, 3) may be within reach: those in the widened bounding box."""
+        """(b,) numbers of the points (p, 3) in the widened bounding box, which may be within reach."""
         corners = self.vertices[np.unique(self.triangles)]
         return np.flatnonzero(
             ((points > corners.min(axis=0) - reach) & (points < corners.max(axis=0) + reach)).all(axis=1)
@@ -128,7 +128,7 @@ class SidedSurface:
     def sides(self, points: Floats) -> tuple[Floats, Floats, Booleans]:
         """The distances (p,) of points (p, 3), negative inside, and the skin's normals there (p, 3).
 
-        Also returns (p,) whether the side is known, which it is not beside a border.
+        Also returns (p,) whether the side is known. Beside a border it is not.
         """
         triangle, barycentric, distance = self.closest(points)
         corners = self.triangles[triangle]
@@ -143,7 +143,7 @@ class Barrier(NamedTuple):
 
     before: SidedSurface  # the surface before the change of shape
     after: SidedSurface  # the surface after it
-    is_layer: bool = False  # whether it is another worn object; then places beneath it, or far from it, are free
+    is_layer: bool = False  # whether it is another worn object; places below it or far from it are then free
 
 
 class Bounds(Protocol):
@@ -155,14 +155,14 @@ class Bounds(Protocol):
 
 
 class _Bounds:
-    """Places that must stay on their side of a barrier, which are tested again only if they may have come too close.
+    """Places that must stay on their side of a barrier. They are tested again only if they may have come too close.
 
     Args:
         barrier: the barrier after the change of shape.
         is_layer: whether it is another worn object.
         which: (b,) numbers of the places.
         margin: (b,) the distance that they must keep.
-        at: (b, 3) where they are.
+        at: (b, 3) their positions.
     """
 
     def __init__(self, barrier: SidedSurface, is_layer: bool, which: Integers, margin: Floats, at: Floats) -> None:
@@ -181,7 +181,7 @@ class _Bounds:
         return self._which[some], missing[some, None] * self._normals[some]
 
     def count_inside(self, places: Floats) -> int:
-        """How many of the places (p, 3) are on the other side of the barrier."""
+        """The number of places (p, 3) on the other side of the barrier."""
         self._test(places)
         return int(((self._off < 0) & self._known).sum())
 
@@ -215,18 +215,18 @@ class _Side(NamedTuple):
             stacked = np.bincount(of, above) >= CONTACT.over * np.bincount(of, near)
             chosen = above & stacked[of]
         else:
-            # A part that keeps its form, such as a sole, also keeps what is in the skin.
+            # A part that keeps its form, such as a sole, may stay in the skin where it was before.
             mended = np.where((probes @ form.keep)[beside] > 0, 0.0, CONTACT.mended)
             chosen = known & (off > -mended) & (off < reach)
         return cls(beside[chosen], off[chosen], barrier.is_layer)
 
     def only(self, chosen: Booleans) -> _Side:
-        """Those of the chosen places (p,)."""
+        """Restrict them to the chosen places (p,)."""
         some = chosen[self.which]
         return self._replace(which=self.which[some], off=self.off[some])
 
     def bounds(self, barrier: SidedSurface, growth: Floats, margins: Margins, now: Floats) -> _Bounds:
-        """Their bounds beside the barrier after the change, where all places (p, 3) have some growth (p,)."""
+        """Their bounds beside the barrier after the change, for all places (p, 3) with their growth (p,)."""
         smallest, largest = (0.0, CONTACT.max_margin) if self.is_layer else margins
         margin = np.clip(self.off * growth[self.which], smallest, largest)
         return _Bounds(barrier, self.is_layer, self.which, margin, now[self.which])
@@ -239,7 +239,7 @@ def margins_with(gap: float) -> Margins:
 
 
 class Contact:
-    """The places of a soft form at which it keeps its distance from barriers, prepared for changes of shape.
+    """The places at which a soft form keeps its distance from barriers, prepared for changes of shape.
 
     Args:
         form: the form at rest.
@@ -270,18 +270,18 @@ class Contact:
         moving: Booleans | None = None,
         more: Sequence[Bounds] = (),
     ) -> tuple[Floats, int]:
-        """Push the form smoothly out of barriers that it was outside of; kept parts are displaced as a whole.
+        """Push the form smoothly out of barriers that it was outside of. Kept parts are displaced as a whole.
 
         Args:
             positions: (n, 3) its current positions.
             growth: (n,) growth of its surroundings.
             barriers: the barriers after the change.
             margins: bounds of the distance from the skin that is kept.
-            moving: (n,) the points that may be pushed; all soft ones when not given.
+            moving: (n,) the points that may be pushed; all soft ones if omitted.
             more: further bounds of the places to test.
 
         Returns:
-            (n, 3) positions, and how many places are still in the skin.
+            (n, 3) positions, and the number of places that are still in the skin.
         """
         probes, sides = self.probes, self._sides
         if moving is not None:
@@ -303,11 +303,11 @@ class Contact:
     def _displace(
         self, free: Integers, positions: Floats, touched: csr_array, weights: Floats, pushes: Floats
     ) -> Floats:
-        """(f, 3) displacements of free points that push places, which a matrix (v, f) maps to, as far as weights (v,).
+        """(f, 3) displacements of free points that push places, which a matrix (v, f) interpolates, by weights (v,).
 
         Args:
             free: numbers of the points, with whole kept parts.
-            positions: (n, 3) where all points are.
+            positions: (n, 3) positions of all points.
             touched: (v, f) matrix that interpolates the pushed places.
             weights: (v,) of the pushes.
             pushes: (v, 3) how the places must move.
@@ -321,12 +321,12 @@ class Contact:
         there = csr_array(kron(touched, in_space)) @ motions.matrix
         matrix = motions.matrix.T @ kron(staying, in_space, format="csr") @ motions.matrix
         matrix += there.T @ diags_array(np.repeat(weights, 3)) @ there
-        # Parts without extent, such as single points, may turn as they like.
+        # Parts without extent, such as single points, have no defined rotation.
         matrix += TURNING * matrix.diagonal().mean() * eye_array(matrix.shape[0])
         return motions.displace(factorise(csc_array(matrix)).solve(there.T @ loads.ravel()))
 
     def _around(self, chosen: Integers) -> Integers:
-        """(f,) which points a push at chosen ones reaches, by whole kept parts."""
+        """(f,) the points that a push at chosen ones reaches, with whole kept parts."""
         points, whole = self._form.rest, self._kept.with_whole_parts(chosen)
         distance, _ = cKDTree(points[whole]).query(points, distance_upper_bound=PUSHED * CONTACT.spread)
         return self._kept.with_whole_parts(np.flatnonzero(np.isfinite(distance)))
@@ -354,7 +354,7 @@ def push_out_rigidly(
 def _beside(skin: SidedSurface, positions: Floats, triangles: Integers) -> csr_array:
     """(p, n) matrix that interpolates positions (n, 3) at the points of triangles (m, 3) nearest to skin vertices.
 
-    There the skin's detail may penetrate a coarser triangle.
+    At these points, detail of the skin may penetrate a coarser triangle.
     """
     surface = SidedSurface(positions, triangles, is_part=True)
     beside = skin.vertices[surface.beside(skin.vertices, CONTACT.looked_at)]

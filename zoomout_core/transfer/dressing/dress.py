@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Dress: fit the objects that a source wears (clothes, hair, eyes, teeth, props) to the body of a target.
 
-The source's body takes the target's shape along the match. Worn objects follow: the space around the body moves with
-it. Soft objects keep their form according to their stiffness, and solid ones rotate and scale as a whole. Nothing that
-was outside of the skin is pushed into it.
+The source's body takes the target's shape along the match, and the space around it moves along, with the worn objects.
+Soft objects keep their form according to their stiffness, and solid ones rotate and scale as a whole. Nothing that was
+outside the skin is pushed into it.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ from zoomout_core.tuning import Tuning, tuned
 # "automatic" is soft, except for small solid parts.
 Manner: TypeAlias = Literal["automatic", "soft", "rigid"]
 Carried: TypeAlias = Surface | Lines
-# How bones move a body, and the weights (n, b) of an object that they move as well.
+# The motion of a body by its bones, and the weights (n, b) of an object that the same bones move.
 Posed: TypeAlias = tuple[PosedBody, csr_array]
 # Fractions of the progress: inverting the match, as a share of shaping the body, and shaping the body, of the whole.
 TURNED_ROUND, SHAPED = 0.5, 0.8
@@ -69,8 +69,8 @@ class DressTuning(Tuning, set_by="outfits"):
         softest: length over which they keep their form at stiffness zero.
         stiffest: the same at stiffness one.
         near: distance from the skin at which they follow it half as much.
-        layer: minimum area of a connected part that is a layer of its own; strands of a braid, which pass over and
-            under each other, are smaller.
+        layer: minimum area of a connected part that is a separate layer. Strands of a braid, which pass over and under
+            each other, are smaller.
     """
 
     softest: float = tuned(0.005, "at unit area", 1e-6, 1)
@@ -88,7 +88,7 @@ class Dressed:
 
     Attributes:
         vertices: for each object (n, 3) positions of its vertices, in the target's frame and unit.
-        turns: for each object (n, 3, 3) matrices that take small differences of positions from the source to the
+        turns: for each object (n, 3, 3) matrices that transform small differences of positions from the source to the
             target.
         stretched: for each object (n,) vertices at edges that are stretched much more than the body.
         notes: sentences for the user.
@@ -128,16 +128,16 @@ def dress(
         source: the body that wears the objects, without them.
         target: the body to dress.
         carried: the objects, surfaces and lines, in the source's frame and unit.
-        manners: how to fit each; "automatic", when not given.
+        manners: how to fit each; "automatic" if omitted.
         keep: for each object weights (n,) in [0, 1] of vertices that keep their form, such as those of buckles, plates
             and soles, or None. Each connected patch moves as a whole, with the object's scale.
-        stiffness: how far soft objects keep their form, from 0, where they follow every detail of the body, to 1.
-        gap: minimum distance from the skin of everything that was outside of it, in the target's unit.
+        stiffness: stiffness of soft objects, from 0, where they follow every detail of the body, to 1.
+        gap: minimum distance from the skin, in the target's unit, of everything that was outside it.
         progress: called with the `Progress`, see `zoomout_core.progress`.
 
     Raises:
         MeshError: the map is of other surfaces, or nothing corresponds.
-        ValueError: a number is out of its range, or there is not a manner or a mask for each.
+        ValueError: a number is out of its range, or the number of manners or masks does not match the objects.
 
     Example:
         >>> dressed = zo.dress(result, source, target, [source])
@@ -177,7 +177,7 @@ def carry(
     The skin is the surface, in the new shape, that objects must not enter. The gap is in the unit of the shape.
 
     Raises:
-        ValueError: a number is out of its range, or there is not a manner or a mask for each.
+        ValueError: a number is out of its range, or the number of manners or masks does not match the objects.
     """
     _check(carried, manners, stiffness, gap)
     how: Sequence[Manner] = ["automatic"] * len(carried) if manners is None else manners
@@ -197,12 +197,12 @@ def carry(
 
 
 def clear_in_poses(dressed: Dressed, body: PosedBody, weights: Sequence[csr_array | None]) -> Dressed:
-    """Displace fitted objects a little, so that they also stay outside of the skin in poses.
+    """Displace fitted objects a little, so that they also stay outside the skin in poses.
 
     Args:
         dressed: the fitted objects, by `carry`.
-        body: how bones move the body that they were fitted to, in its unit.
-        weights: for each object (n, b) its weights, whose rows sum to one; None where it stays.
+        body: the motion of the body that they were fitted to, in its unit.
+        weights: for each object (n, b) its weights, whose rows sum to one; None if it is not displaced.
     """
     assert dressed.outfit is not None
     unit = dressed.outfit.following.unit_after
@@ -212,7 +212,7 @@ def clear_in_poses(dressed: Dressed, body: PosedBody, weights: Sequence[csr_arra
 
 @dataclass(eq=False)
 class Outfit:
-    """Objects in the course of their fit.
+    """Objects during their fit.
 
     Attributes:
         fits: the objects.
@@ -233,7 +233,7 @@ class Outfit:
         self.layers = sorted(every, key=lambda layer: layer.height)
 
     def push_out(self, posed: Sequence[Posed | None] = ()) -> Dressed:
-        """Push each layer out of the skin, in poses as well where these are given, and of the layers below it."""
+        """Push each layer out of the skin and the layers below it, also in poses if these are given."""
         stuck, barriers = 0, [self.skin]
         poses_of = dict(zip(self.fits, posed, strict=False))
         with stage("Dressing"):
@@ -280,11 +280,11 @@ class _Fit:
 
     @property
     def soft(self) -> Integers:
-        """Points that belong to no solid part."""
+        """Points outside solid parts."""
         return np.setdiff1d(np.arange(len(self.form.rest)), np.concatenate([[], *self.parts]))
 
     def layers(self) -> list[_Layer]:
-        """Its large connected parts, such as a jacket and a belt, and the rest of it; a rigid form is one layer."""
+        """Its large connected parts, such as a jacket and a belt, and the rest. A rigid form is one layer."""
         if self.is_rigid:
             return [_Layer(self, np.arange(len(self.form.rest)))]
         soft = self.soft
@@ -297,7 +297,7 @@ class _Fit:
     def of_vertices(self, following: Following) -> tuple[Floats, Floats, Booleans]:
         """(n_v, 3) positions and (n_v, 3, 3) turns of the vertices, in units of the shape and of the body.
 
-        And (n_v,) which of them are stretched. Unconnected vertices only follow the body.
+        Also returns a mask (n_v,) of those that are stretched. Unconnected vertices only follow the body.
         """
         positions = with_solid_parts(self.form, self.parts, self.soft, self.motion.images, self.positions)
         number = self.form.number
@@ -309,7 +309,7 @@ class _Fit:
         return following.unit_after * found, following.unit_after / following.unit * turns, stretched
 
     def _turns(self, positions: Floats) -> Floats:
-        """(n, 3, 3) rotation and growth around each point: that of the body, or of the part that keeps its form."""
+        """(n, 3, 3) rotation and growth around each point, of the body or of the part that keeps its form."""
         kept, turns = KeptParts.of(self.form), self.motion.turns.copy()
         _, linear = kept.fit_rigidly(self.form, positions, float(np.median(self.motion.growth)))
         turns[kept.points] += kept.weights[kept.points, None, None] * (linear - turns[kept.points])
@@ -318,11 +318,11 @@ class _Fit:
 
 @dataclass(eq=False)
 class _Layer:
-    """A part of a fit that is kept above the skin and above the layers beneath it."""
+    """A part of a fit that is kept above the skin and the layers below it."""
 
     fit: _Fit  # the object
     points: Integers  # numbers of its points
-    contact: Contact | None = None  # where it touches these before the change of shape, once it is known
+    contact: Contact | None = None  # its contact with these before the change of shape, once computed
 
     @property
     def height(self) -> float:
@@ -337,7 +337,7 @@ class _Layer:
         return is_soft and len(fit.form.between(self.points)) > 0
 
     def push_out(self, barriers: Sequence[Barrier], margins: Margins, posed: Posed | None = None) -> int:
-        """Push it out of barriers that it was outside of; returns how many places are still in the skin."""
+        """Push it out of barriers that it was outside of. Returns the number of places that are still in the skin."""
         fit, form = self.fit, self.fit.form
         if fit.is_rigid:
             fit.positions, stuck = push_out_rigidly(form, fit.positions, fit.motion.growth, barriers, margins)
@@ -353,7 +353,7 @@ class _Layer:
         return stuck
 
     def as_barrier(self, skin: SidedSurface) -> Barrier:
-        """Its surface, wound so that each connected component faces away from the skin."""
+        """Its surface, oriented so that each connected component faces away from the skin."""
         form = self.fit.form
         corners = form.between(self.points)
         first, middles = corners[:, 0], form.rest[corners].mean(axis=1)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Motion of the space around a body that takes another shape.
 
-A place near the skin moves like the patch of skin beneath it. A place farther away moves like the mean of a wider
-patch, which ignores local detail of the skin.
+A place near the skin moves like the patch of skin below it. A place farther away moves like the mean of a wider patch,
+which ignores local detail of the skin.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ FOLLOWING = FollowingTuning()
 
 
 class Motion(NamedTuple):
-    """How places move."""
+    """The motion of places."""
 
     images: Floats  # (q, 3) their new positions
     turns: Floats  # (q, 3, 3) rotation and growth of their surroundings
@@ -74,7 +74,7 @@ class Following:
         ]
 
     def motion(self, places: Floats) -> Motion:
-        """How places (q, 3) move."""
+        """The motion of places (q, 3)."""
         distance = self._patches.distances(places)
         images, motions = np.empty((len(places), 3)), np.empty((len(places), 3, 3))
         for patches in self._patches.around(places, FOLLOWING.nearest + FOLLOWING.spreading * distance):

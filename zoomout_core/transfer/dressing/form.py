@@ -61,7 +61,7 @@ class Form:
     areas: Floats  # (n,) areas of the points; lengths for lines
     triangles: Integers  # (m, 3) triangles between them; none for lines
     component: Integers  # (n,) the number of each point's connected component
-    keep: Floats  # (n,) how far each point keeps its place in the form around it, in [0, 1]
+    keep: Floats  # (n,) weight with which each point keeps its place in the form around it, in [0, 1]
 
     @classmethod
     def of(cls, carried: Surface | Lines, unit: float, keep: Floats | None = None) -> Form:
@@ -93,8 +93,8 @@ class Form:
     def probes(self, chosen: Integers, fine: float) -> csr_array:
         """(p, n) matrix that maps positions to the places to test.
 
-        These are the chosen points, and the middles of edges between them longer than `fine`, and of triangles with
-        such an edge.
+        These are the chosen points, the midpoints of edges between them that are longer than `fine`, and the centres of
+        triangles with such an edge.
         """
         n, triangles = len(self.rest), self.between(chosen)
         edges, edge_of = unique_edges(triangles)
@@ -108,10 +108,10 @@ class Form:
 
 
 def read_masks(carried: Sequence[Surface | Lines], keep: Sequence[ArrayLike | None] | None) -> list[Floats | None]:
-    """For each object the weights (n_v,) of its vertices that keep their form; None where there are none.
+    """For each object the weights (n_v,) of its vertices that keep their form; None without any.
 
     Raises:
-        ValueError: there is not one for each object, they are of other lengths, or not in [0, 1].
+        ValueError: their number or a length does not match the objects, or some are not in [0, 1].
     """
     if keep is None:
         return [None] * len(carried)
@@ -135,7 +135,7 @@ def _of_lines(places: Floats, edges: Integers) -> tuple[csc_array, Floats, Integ
     rows, columns = np.concatenate([edges, edges[:, ::-1]]).T
     weights = csc_array((np.tile(1 / length, 2), (rows, columns)), shape=(n, n))
     of_points = segment_sum(np.tile(length / 2, 2), rows, n)
-    # A point without a line counts like the others.
+    # A point without a line has the same weight as the others.
     of_points = np.where(of_points > 0, of_points, of_points[of_points > 0].mean() if len(edges) else 1.0)
     component = connected_components(weights, directed=False)[1]
     stiffness = csc_array(diags_array(weights.sum(axis=0)) - weights)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Shape keys that hide skin below clothes: they draw it in, so that it does not come through."""
+"""Find shape keys that hide skin below clothes: they move it inwards, so that it does not come through."""
 
 from __future__ import annotations
 
@@ -17,12 +17,13 @@ from zoomout_core.transfer.dressing.form import Lines
 MOVED = 7e-4
 # Skin is covered if something worn is within this distance, at unit area: 4 cm on an adult. Wide sleeves are looser.
 NEAR = 0.03
-# Minimum share of the vertices moved by a key that are drawn in, and covered: rims of hidden skin show.
+# Minimum share of a key's moved vertices that move inwards and are covered. It is below one, as rims of hidden skin are
+# visible.
 SHARE = 0.8
 
 
 def keys_that_hide_skin(body: Surface, offsets: Floats, worn: Sequence[Surface | Lines]) -> Booleans:
-    """(k,) which shape keys draw in skin that is below worn objects.
+    """(k,) which shape keys move skin below worn objects inwards.
 
     Args:
         body: the body without these keys.

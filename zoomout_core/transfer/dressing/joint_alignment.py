@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Align the shape that a body takes with the joints of the other body, where both have bones.
+"""Align a body that takes another one's shape with the joints of the other body, if both have bones.
 
-A map may slide along smooth limbs: a knee comes to rest on the thigh, although all of the skin is in place. Joints
-tell how far. Armatures place them by their own conventions, though, which differ in all directions, where a map slides
-along bones only: what the joints are off across the bones is taken for such a difference, and slides of this size stay.
+A map may slide along smooth limbs: a knee is then mapped to the thigh, although the skins coincide. The joints show how
+far it slides. However, armatures place joints by different conventions. These differ in all directions, whereas a map
+slides along bones only. The differences across bones therefore measure the conventions, and slides of this size are
+ignored.
 """
 
 from __future__ import annotations
@@ -17,13 +18,14 @@ from scipy.sparse import csc_array, csr_array
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.geometry.oriented_closest_points import OrientedSurface
 from zoomout_core.geometry.screened_smoothing import ScreenedSmoothing
+from zoomout_core.mesh.affine_maps import normalise
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import vertex_normals
 from zoomout_core.transfer.dressing.form import Form
 from zoomout_core.transfer.rigging.bone_pairs import Skeleton, pair_bones
 from zoomout_core.transfer.rigging.joints import move_joints
 from zoomout_core.transfer.rigging.poses import parents_first
-from zoomout_core.transfer.rigging.skinning import normalise, renumber_bones
+from zoomout_core.transfer.rigging.skinning import renumber_bones
 from zoomout_core.tuning import Tuning, tuned
 
 
@@ -33,11 +35,11 @@ class JointAlignmentTuning(Tuning, set_by="outfits"):
 
     Attributes:
         shortest: minimum length of a bone that slides.
-        trust: a slide is corrected as far as it exceeds this multiple of the median distance across the bones.
+        trust: the part of a slide that exceeds this multiple of the median distance across the bones is corrected.
         smooth: length over which slides are averaged.
         rounds: number of corrections.
         on_skin: maximum distance from the skin of vertices that stay on it; others are within the body.
-        facing: the distance that counts as much as a unit difference of normals when they are put on the skin.
+        facing: the distance equivalent to a unit difference of normals when vertices are projected to the skin.
     """
 
     shortest: float = tuned(0.02, "at unit area", 1e-6, 1)
@@ -49,25 +51,25 @@ class JointAlignmentTuning(Tuning, set_by="outfits"):
 
 
 JOINT_ALIGNMENT = JointAlignmentTuning()
-# With fewer bones, the median says little.
+# With fewer bones, the median is unreliable.
 MIN_BONES = 6
 
 
 class JointPairs(NamedTuple):
     """Joints that two bodies have in common."""
 
-    before: Floats  # (j, 3) where they are in the first body
-    after: Floats  # (j, 3) where they are in the second one
-    parents: Integers  # (j,) the nearest of them above each; -1 for none
+    before: Floats  # (j, 3) positions in the first body
+    after: Floats  # (j, 3) positions in the second one
+    parents: Integers  # (j,) the nearest common joint above each; -1 for none
     weights: csr_array  # (n, j) their skin weights in the first body
 
     @classmethod
     def of(cls, bones: Skeleton, weights: csr_array, others: Skeleton) -> JointPairs:
-        """The joints of bones with partners by name: others by their place would only confirm a map.
+        """The joints of bones with partners by name. Partners by place would only confirm the map.
 
         Args:
             bones: the bones of the first body.
-            weights: (n, b) its skin weights. Those of a bone without a partner count for the one above.
+            weights: (n, b) its skin weights. Those of a bone without a partner are added to the bone above.
             others: the bones of the second body.
         """
         pairs = pair_bones(bones, others, 0.0)
@@ -88,11 +90,11 @@ class JointPairs(NamedTuple):
 
 
 class _Bones(NamedTuple):
-    """Bones between joints, with how far the skin slides along them at both ends."""
+    """Bones between joints, and the slides of the skin along them at both ends."""
 
     head: Integers  # (b,) joints
     tail: Integers  # (b,) joints
-    start: Floats  # (b, 3) places of the heads in the shape
+    start: Floats  # (b, 3) positions of the heads in the shape
     axis: Floats  # (b, 3) unit vectors
     length: Floats  # (b,)
     slides: Floats  # (b, 2) at the head and at the tail
@@ -108,7 +110,7 @@ def align_joints(body: Surface, shape: Floats, skin: Surface, joints: JointPairs
         joints: the joints of both.
 
     Returns:
-        (n, 3) its vertices, on the skin where they were. Vertices without weights stay.
+        (n, 3) its vertices. Those that were on the skin still are; those without weights do not move.
     """
     unit = float(np.sqrt(skin.area))
     if not len(_bones(body, shape, joints, unit).head):
@@ -124,12 +126,12 @@ def align_joints(body: Surface, shape: Floats, skin: Surface, joints: JointPairs
         slides = _slides(found, weights, _bones(body, found, joints, unit))
         smoothed = smoothing.smooth(slides[form.first])[form.number]
         moved = found + np.where((form.number >= 0)[:, None], smoothed, 0.0)
-        found = _put_on_skin(moved, body, surface, skin, on_skin & slides.any(axis=1))
+        found = _project_to_skin(moved, body, surface, skin, on_skin & slides.any(axis=1))
     return found
 
 
 def _bones(body: Surface, shape: Floats, joints: JointPairs, unit: float) -> _Bones:
-    """The bones that are long enough to tell, in a shape; none if they are few."""
+    """The bones of a shape that are long enough to be reliable; none if they are too few."""
     places = move_joints(body, shape, joints.before).positions
     tail = np.flatnonzero(joints.parents >= 0)
     head = joints.parents[tail]
@@ -148,7 +150,7 @@ def _bones(body: Surface, shape: Floats, joints: JointPairs, unit: float) -> _Bo
 
 
 def _slides(shape: Floats, weights: csc_array, bones: _Bones) -> Floats:
-    """(n, 3) how far each vertex slides: along the nearest bone below each joint that moves it."""
+    """(n, 3) the slide of each vertex, along the nearest bone below each joint that moves it."""
     slides = np.zeros_like(shape)
     for joint in np.unique(bones.head).tolist():
         rows = slice(weights.indptr[joint], weights.indptr[joint + 1])
@@ -164,8 +166,10 @@ def _slides(shape: Floats, weights: csc_array, bones: _Bones) -> Floats:
     return slides
 
 
-def _put_on_skin(places: Floats, body: Surface, surface: OrientedSurface, skin: Surface, chosen: Booleans) -> Floats:
-    """(n, 3) places of a body's vertices, of which the chosen ones are put on the skin that faces the same way."""
+def _project_to_skin(
+    places: Floats, body: Surface, surface: OrientedSurface, skin: Surface, chosen: Booleans
+) -> Floats:
+    """(n, 3) positions of a body's vertices, with chosen ones projected to skin that faces the same way."""
     found, normals = places.copy(), vertex_normals(places, body.triangles)
     triangle, barycentric, _ = surface.closest(places[chosen], normals[chosen])
     found[chosen] = np.einsum("qc,qcx->qx", barycentric, skin.vertices[skin.triangles[triangle]])

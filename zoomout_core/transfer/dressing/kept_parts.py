@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Parts of a soft object that keep their form, such as buckles, plates and soles, where a mask says so.
+"""Parts of a soft object that keep their form, as given by a mask, such as buckles, plates and soles.
 
 Each connected patch of the mask moves rigidly, and is scaled like the whole object. If each had its own scale, the
 buttons of one row would differ in size.
@@ -28,7 +28,7 @@ class KeptParts:
     """The parts of a form that keep their form.
 
     Attributes:
-        weights: (n,) how far each point keeps its place in its part, in [0, 1].
+        weights: (n,) weight with which each point keeps its place in its part, in [0, 1].
         points: (p,) the points of positive weight.
         part: (p,) the numbers of their parts, from 0.
     """
@@ -51,7 +51,7 @@ class KeptParts:
         return int(self.part.max(initial=-1)) + 1
 
     def fit_rigidly(self, form: Form, positions: Floats, scale: float = 1.0) -> tuple[Floats, Floats]:
-        """(p, 3) rigid positions of the points, nearest to positions (n, 3), and (p, 3, 3) linear parts of the motions.
+        """The rigid motions nearest to positions (n, 3): positions (p, 3) and linear parts (p, 3, 3).
 
         The parts are scaled by a factor.
         """
@@ -67,7 +67,7 @@ class KeptParts:
     def displace(self, form: Form, offsets: Floats, staying: Floats, length: float) -> Floats:
         """(n, d) displacements of all points, from those (p, d) of parts that keep their form.
 
-        Around the parts they fade over a length, by weights (n,) of staying.
+        They decay around the parts over a given length, with weights (n,) for staying in place.
         """
         held = HOLD * self.weights * form.areas
         wanted = np.zeros((len(held), offsets.shape[1]))
@@ -90,10 +90,10 @@ class KeptParts:
 
 @dataclass(frozen=True, eq=False)
 class PartMotions:
-    """Small motions of points: parts move rigidly, other points by themselves, and those of a weight between both ways.
+    """Small motions of points. Parts move rigidly, other points freely, and intermediate weights blend both.
 
     Attributes:
-        weights: (c,) how far each point keeps its place in its part.
+        weights: (c,) weight with which each point keeps its place in its part.
         part: (c,) the number of its part, -1 for none.
         arms: (c, 3) its place relative to the centre of its part.
         matrix: (3 c, d) from free motions, which are displacements of points, and a translation and a rotation of each

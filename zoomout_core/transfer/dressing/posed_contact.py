@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Contact in poses: displace cloth at rest so that it stays outside of the skin below it when bones turn.
+"""Contact in poses: displace cloth at rest so that it stays outside the skin below it when bones rotate.
 
-Cloth and skin have other weights, so that a narrow gap closes in poses. Only places that move with the skin below them
-are displaced. Where limbs touch, or where cloth hangs free, no displacement at rest would help.
+Cloth and skin have different weights, so narrow gaps close in poses. Only places that move with the skin below them are
+displaced. Where limbs touch, or where cloth hangs freely, no displacement at rest would help.
 """
 
 from __future__ import annotations
@@ -15,19 +15,19 @@ from scipy.sparse import csr_array
 
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.maps.surface_map import interpolation_matrix
+from zoomout_core.mesh.affine_maps import blend_matrices
 from zoomout_core.mesh.triangles import unit_vectors, vertex_normals
 from zoomout_core.transfer.dressing.contact import CONTACT, SidedSurface
-from zoomout_core.transfer.rigging.skinning import blend_matrices
 from zoomout_core.tuning import Tuning, tuned
 
 
 @dataclass(frozen=True)
 class PosedContactTuning(Tuning, set_by="outfits"):
-    """Which places are kept outside of the skin in poses.
+    """Which places are kept outside the skin in poses.
 
     Attributes:
-        near: maximum distance from the skin, at rest and of its change in a pose.
-        depth: maximum distance that a place lacks in a pose.
+        near: maximum distance from the skin at rest, and maximum change of this distance in a pose.
+        depth: maximum depth below the margin in a pose.
         agreement: minimum share of the weights that a place has in common with the skin below it.
     """
 
@@ -37,12 +37,13 @@ class PosedContactTuning(Tuning, set_by="outfits"):
 
 
 POSED_CONTACT = PosedContactTuning()
-# Minimum squared length of a normal that is taken back to rest: a blend of opposite rotations hardly moves a place.
+# Minimum squared length of a normal that is transformed back to rest: a blend of opposite rotations hardly moves a
+# place.
 MIN_LENGTH = 0.25
 
 
 class PosedBody(NamedTuple):
-    """How bones move a body.
+    """The motion of a body by its bones.
 
     Attributes:
         weights: (n, b) its weights, whose rows sum to one.
@@ -54,7 +55,7 @@ class PosedBody(NamedTuple):
 
 
 class PosedBounds:
-    """Places that must stay above the places of the skin that they are above at rest, in each pose.
+    """Places that must stay above the same places of the skin as at rest, in each pose.
 
     Args:
         places: (p, 3) the places at rest.
@@ -85,7 +86,7 @@ class PosedBounds:
             normals = unit_vectors(below @ vertex_normals(posed, skin.triangles))
             every, moved = np.arange(len(self._which)), blend_matrices(transforms, weights[self._which])
             pose = _Pose(every, moved, below @ posed, normals)
-            # Other places are far outside, or deep inside, where limbs touch.
+            # Other places are far outside, or deep inside where limbs touch.
             missing, offset = self._missing(pose, places)
             near = np.einsum("px,px->p", offset, offset) < (POSED_CONTACT.near + POSED_CONTACT.depth) ** 2
             chosen = np.flatnonzero((np.abs(missing) < POSED_CONTACT.depth) & near)
@@ -105,7 +106,7 @@ class PosedBounds:
         return self._which[pushed], pushes[pushed]
 
     def _missing(self, pose: _Pose, places: Floats) -> tuple[Floats, Floats]:
-        """(c,) the distance from the skin that the rows of a pose lack, and (c, 3) their offsets from it."""
+        """(c,) the depths of the rows of a pose below their margins, and (c, 3) their offsets from the skin."""
         at = places[self._which[pose.rows]]
         offset = np.einsum("pxy,py->px", pose.matrices[:, :, :3], at) + pose.matrices[:, :, 3] - pose.feet
         return self._margin[pose.rows] - np.einsum("px,px->p", offset, pose.normals), offset

@@ -25,7 +25,7 @@ class SolidTuning(Tuning, set_by="outfits"):
         touching: parts closer to each other than this move as one.
         compact: minimum squared volume of a solid part, relative to a ball of the same area.
         share: share of the area of touching parts that must be solid.
-        beside: a part that is closer to a larger one than this share of its extent follows it.
+        beside: a part follows a larger one that is closer than this share of its extent.
         neighbours: number of points of the larger part near each point that determine the motion.
     """
 
@@ -70,8 +70,8 @@ def solid_parts(form: Form) -> list[Integers]:
 def with_solid_parts(form: Form, parts: list[Integers], soft: Integers, images: Floats, positions: Floats) -> Floats:
     """(n, 3) positions of a form with solid parts moved by similarities.
 
-    A part follows the soft points beside it, which are at positions (n, 3) of the soft fit. Without any, it follows the
-    body, which moves its points to images (n, 3).
+    A part follows the soft points beside it, at positions (n, 3) of the soft fit. Without any, it follows the body,
+    which moves its points to images (n, 3).
     """
     if not parts:
         return positions
@@ -102,7 +102,7 @@ def _touching(points: Floats, component: Integers, count: int) -> Integers:
 
 
 def touching_points(points: Floats, component: Integers) -> Integers:
-    """(p, 2) pairs of points (n, 3) of different components (n,) that touch; of each point to some of its nearest."""
+    """(p, 2) pairs of touching points (n, 3) of different components (n,); for each point only some of its nearest."""
     nearest = min(NEAREST, len(points))
     distance, near = (np.asarray(each).ravel() for each in cKDTree(points).query(points, nearest))
     first = np.repeat(np.arange(len(points)), nearest)

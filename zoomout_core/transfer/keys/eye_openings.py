@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The openings between the eyelids, seen from the front, and how the rims of the lids of two faces correspond.
 
-Seen from the front, the depth of a skin jumps from the rims of the lids to the bottom of the socket, whatever its
-triangles. An opening is where a morphological closing of the image of the depth exceeds it. Between the corners of the
-lids, rims correspond by the share of the width.
+Seen from the front, the depth of a skin jumps from the rims of the lids to the bottom of the socket, for any
+triangulation. An opening consists of the pixels that a morphological closing of the depth image raises. Between the
+corners of the lids, rims correspond by their relative position along the width.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from zoomout_core.transfer.keys.head_directions import HeadDirections
 
 # Lengths relative to the distance between the eyes, about 65 mm.
 WINDOW = 0.38  # half the side of the square around an eye in which its opening is searched
-DEPTH = 0.12  # of the bottom of a socket behind the lids: more than of the skin beside the nose
-CLOSING = 0.25  # height that is closed in the image
-MAX_HEIGHT = 0.9  # of an opening, as a share of the height that is closed: only parts of higher ones are found
+DEPTH = 0.12  # minimum depth of a socket behind the lids: exceeds that of the skin beside the nose
+CLOSING = 0.25  # height of the closing of the image
+MAX_HEIGHT = 0.9  # of an opening, as a share of the closing's height: only parts of higher ones are found
 RIM = 0.05  # half the height of a rim
 PIXELS = 96  # along a side of the square
 SLIT = 5  # pixels: narrower ends of openings depend on the triangles, and are filled in
@@ -32,7 +32,7 @@ MAX_RATIO = 2.5  # of the areas of the openings of two persons
 
 @dataclass(frozen=True, eq=False)
 class EyeOpening:
-    """An opening between two lids: places along the directions of the head."""
+    """An opening between two lids, as positions along the directions of the head."""
 
     across: Floats  # (c,) columns along the direction left, ascending
     upper: Floats  # (c,) the upper rim along the direction up
@@ -49,7 +49,7 @@ class EyeOpening:
         return np.interp(across, self.across, (self.upper + self.lower) / 2)
 
     def rim_at(self, across: Floats, is_upper: Booleans) -> Floats:
-        """Heights (q,) of the upper or lower rim in columns (q,), by which of them is wanted (q,)."""
+        """Heights (q,) of the upper or lower rim, as requested by a mask (q,), in columns (q,)."""
         return np.where(
             is_upper, np.interp(across, self.across, self.upper), np.interp(across, self.across, self.lower)
         )
@@ -58,7 +58,7 @@ class EyeOpening:
 def find_eye_opening(vertices: Floats, triangles: Integers, centre: Floats, head: HeadDirections) -> EyeOpening | None:
     """The opening of the eye around a centre (3,) in a skin of vertices (n, 3) and triangles (m, 3).
 
-    None if the eye is closed, has no socket, or is too large.
+    None if the eye is closed or has no socket, or if the opening is too large.
     """
     half = WINDOW * head.size
     view = view_from_front(vertices, triangles, centre, head, (half, half), PIXELS)
@@ -86,7 +86,8 @@ def find_eye_opening(vertices: Floats, triangles: Integers, centre: Floats, head
 def match_rims(vertices: Floats, here: EyeOpening, there: EyeOpening, head: HeadDirections) -> tuple[Integers, Floats]:
     """The vertices (r,) of a face (n, 3) on the rims of one opening, and the shifts (r, 3) to the rims of another one.
 
-    The shifts are perpendicular to the direction forward. There are none if the areas of the openings differ too much.
+    The shifts are perpendicular to the direction forward. Both arrays are empty if the areas of the openings differ too
+    much.
     """
     if not 1 / MAX_RATIO < there.area / here.area < MAX_RATIO:
         return np.empty(0, dtype=np.int64), np.empty((0, 3))

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Twelve landmarks of a head, found by its expression keys.
+"""Find twelve landmarks of a head by its expression keys.
 
-The lips are where the key that opens the jaw separates touching surfaces. The rims of the eyelids are where a blink
-closes a gap. Both are slits, whose corners are halfway around their ends. The two eyes and the mouth give the
-directions left, up and forward; anthropometry defines the other landmarks as extreme points in these directions.
+The key that opens the jaw separates the lips, and a blink closes the gap between the eyelids. Both are slits, whose
+corners are halfway around their ends. The eyes and the mouth determine the directions left, up and forward. The other
+landmarks are extreme points in these directions, as in anthropometry.
 """
 
 from __future__ import annotations
@@ -57,21 +57,21 @@ NOTHING_OPENS = {
 }
 
 # Lengths relative to the distance between the eyes, about 65 mm.
-TOUCHING = 0.08  # between the sides of a closed slit: lips of few vertices, and lids that do not close fully
+TOUCHING = 0.08  # largest gap of a closed slit: coarse lips, and lids that do not close fully
 THICKNESS = 0.08  # of lips and lids: a surface farther behind the visible skin is in the mouth or in a socket
-BESIDE_LIP = 0.05  # from the plane between left and right, of the middle of the lips
-BESIDE = 0.15  # the same of nose and chin
+BESIDE_LIP = 0.05  # largest distance of the middle of the lips from the plane between left and right
+BESIDE = 0.15  # the same for nose and chin
 LIP = 0.15  # height of a lip
 AROUND_MOUTH = 1.0  # from the mouth to the chin, but not to the chest
 AROUND_EYES = 2.6  # from the eyes to the ears, but not to the shoulders
 # Along a slit, its sides move apart by at least this share of their largest separation. This includes the ends of the
-# slit, but no stretched skin.
+# slit, but excludes stretched skin.
 OPENING = 0.15
-# And they are at least this many times as far apart as when it is closed.
+# The distance between them also grows at least by this factor.
 STRETCH = 3.0
 
 
-class _Slit(NamedTuple):
+class Slit(NamedTuple):
     """Pairs of vertices (p,) that meet when a slit is closed."""
 
     upper: Integers
@@ -79,8 +79,8 @@ class _Slit(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class _Skin:
-    """The skin of a head with n vertices, and the head's directions as unit vectors."""
+class FaceSkin:
+    """The skin of a head with n vertices, and the directions of the head as unit vectors."""
 
     vertices: Floats  # (n, 3)
     normals: Floats  # (n, 3) outward unit normals
@@ -88,21 +88,21 @@ class _Skin:
     left: Floats  # (3,)
     up: Floats  # (3,)
     forward: Floats  # (3,)
-    eyes: Floats  # (3,) the place between the eyes
+    eyes: Floats  # (3,) the point between the eyes
     size: float  # the distance between the eyes
 
-    def find_slit(self, closed: Floats, opened: Floats) -> _Slit:
-        """The vertices that touch in one shape (n, 3) of the skin, and are apart in another one."""
+    def find_slit(self, closed: Floats, opened: Floats) -> Slit:
+        """Pairs of vertices that touch in one shape (n, 3) of the skin and are apart in another one."""
         visible = np.flatnonzero(self.visible)
         pairs = visible[cKDTree(closed[visible]).query_pairs(TOUCHING * self.size, output_type="ndarray")]
         near, far = (row_norms(shape[pairs[:, 0]] - shape[pairs[:, 1]]) for shape in (closed, opened))
         pairs = pairs[are_parted(near, far, float((far - near).max(initial=0)))]
         above = np.einsum("px,x->p", opened[pairs[:, 0]] - opened[pairs[:, 1]], self.up) > 0
-        return _Slit(*np.where(above[:, None], pairs, pairs[:, ::-1]).T)
+        return Slit(*np.where(above[:, None], pairs, pairs[:, ::-1]).T)
 
     @cached_property
     def visible(self) -> Booleans:
-        """(n,) which vertices face forward, without much in front of them."""
+        """A mask (n,) of the vertices that face forward and are not hidden by a surface in front of them."""
         plane = np.column_stack([self.vertices @ self.left, self.vertices @ self.up])
         depth, facing = self.vertices @ self.forward, self.normals @ self.forward > 0
         radius = THICKNESS * self.size / 2
@@ -112,8 +112,8 @@ class _Skin:
         visible[facing] = depth[facing] > front - THICKNESS * self.size
         return visible
 
-    def find_corner(self, slit: _Slit, side: Floats) -> int:
-        """The vertex halfway around the end of a slit that is farthest in a direction (3,)."""
+    def find_corner(self, slit: Slit, side: Floats) -> int:
+        """The vertex halfway around that end of a slit which is farthest in a direction (3,)."""
         last = int(np.argmax((self.vertices[slit.upper] + self.vertices[slit.lower]) @ side))
         distances = dijkstra(self.graph, indices=[slit.upper[last], slit.lower[last]])
         around = distances.sum(axis=0)
@@ -125,7 +125,7 @@ class _Skin:
         return int(np.argmax(np.where(chosen, self.vertices @ direction, -np.inf)))
 
     def is_near(self, place: Floats, distance: float) -> Booleans:
-        """(n,) which vertices are within a distance of a place (3,), in distances between the eyes."""
+        """A mask (n,) of the vertices within a distance of a point (3,), in distances between the eyes."""
         return np.asarray(row_norms(self.vertices - place) < distance * self.size)
 
 
@@ -134,14 +134,14 @@ def propose_face_landmarks(surface: Surface, keys: Attribute) -> dict[str, int]:
 
     Args:
         surface: a head, alone or on a body.
-        keys: its shape keys, of the kind OFFSET, with names of a known convention; at least a blink of each eye and one
-            that opens the mouth.
+        keys: its shape keys, of the kind OFFSET, with names of a known convention. A blink of each eye and a key that
+            opens the mouth are required.
 
     Returns:
-        A vertex of the surface for each of `FACE_LANDMARKS`.
+        A vertex of the surface for each name in `FACE_LANDMARKS`.
 
     Raises:
-        MeshError: such a key is missing, or does not open or close anything.
+        MeshError: a required key is missing, or does not open or close anything.
 
     Example:
         >>> values = np.zeros((len(source.vertices), 1, 3))
@@ -149,18 +149,8 @@ def propose_face_landmarks(surface: Surface, keys: Attribute) -> dict[str, int]:
         Traceback (most recent call last):
         zoomout_core.mesh.surface.MeshError: There is no shape key eyeBlinkLeft: add one, or place landmarks by hand.
     """
-    offsets = {use: find_offsets(keys, names) for use, names in KEYS.items()}
-    motion = sum(row_norms(each) for each in offsets.values()) * surface.vertex_areas
-    moving = int(np.argmax(np.bincount(np.maximum(surface.components, 0), motion)))
-    mesh, _ = surface.working.part(moving)
-    found = {use: on_working_mesh(mesh, each) / mesh.scale for use, each in offsets.items()}
-    skin = _skin_of(mesh, found)
+    skin, slits, own = find_slits(surface, keys)
     rest = skin.vertices
-    slits = {
-        BLINK_LEFT: skin.find_slit(rest + found[BLINK_LEFT], rest),
-        BLINK_RIGHT: skin.find_slit(rest + found[BLINK_RIGHT], rest),
-        OPEN_MOUTH: skin.find_slit(rest, rest + found[OPEN_MOUTH]),
-    }
     for use, slit in slits.items():
         if not len(slit.upper):
             raise MeshError(NOTHING_OPENS[use])
@@ -175,14 +165,36 @@ def propose_face_landmarks(surface: Surface, keys: Attribute) -> dict[str, int]:
         skin.find_corner(right, skin.left),
         *_extremes(skin, rest[np.concatenate(mouth)].mean(axis=0)),
     )
-    own = on_working_mesh(mesh, np.arange(len(surface.vertices)))
     return dict(zip(FACE_LANDMARKS, own[list(vertices)].tolist(), strict=True))
 
 
-def are_parted(near: Floats, far: Floats, most: float) -> Booleans:
-    """(p,) which pairs are on different sides of a slit, by their distances (p,) in its closed and in its opened shape.
+def find_slits(surface: Surface, keys: Attribute) -> tuple[FaceSkin, dict[str, Slit], Integers]:
+    """The skin of a head, the slits that `KEYS` open or close, and (n,) the surface's vertices of the skin.
 
-    `most` is how far the slit opens at most.
+    A slit is empty if an expression does not open or close anything.
+
+    Raises:
+        MeshError: the keys lack an expression.
+    """
+    offsets = {use: find_offsets(keys, names) for use, names in KEYS.items()}
+    motion = sum(row_norms(each) for each in offsets.values()) * surface.vertex_areas
+    moving = int(np.argmax(np.bincount(np.maximum(surface.components, 0), motion)))
+    mesh, _ = surface.working.part(moving)
+    found = {use: on_working_mesh(mesh, each) / mesh.scale for use, each in offsets.items()}
+    skin = _skin_of(mesh, found)
+    rest = skin.vertices
+    slits = {
+        BLINK_LEFT: skin.find_slit(rest + found[BLINK_LEFT], rest),
+        BLINK_RIGHT: skin.find_slit(rest + found[BLINK_RIGHT], rest),
+        OPEN_MOUTH: skin.find_slit(rest, rest + found[OPEN_MOUTH]),
+    }
+    return skin, slits, on_working_mesh(mesh, np.arange(len(surface.vertices)))
+
+
+def are_parted(near: Floats, far: Floats, most: float) -> Booleans:
+    """A mask (p,) of pairs across a slit, by their distances (p,) in its closed and in its opened shape.
+
+    `most` is the largest increase of a distance.
     """
     return np.asarray((far - near > OPENING * most) & (far > STRETCH * near))
 
@@ -196,18 +208,29 @@ def find_expressions(keys: Attribute) -> list[Floats] | None:
 
 
 def find_offsets(keys: Attribute, names: Sequence[tuple[str, str]]) -> Floats:
-    """(n, 3) what the first key among some, each a convention and a name, adds to the vertices."""
+    """Offsets (n, 3) of the first key that exists among some, each given by its convention and name."""
+    parts = find_keys(keys, names)
+    if not parts:
+        raise MeshError("There is no shape key {name}: add one, or place landmarks by hand.", name=names[0][1])
     offsets = np.asarray(keys.values, dtype=np.float64)
+    return np.asarray(offsets[:, [keys.labels.index(part) for part in parts]].sum(axis=1))
+
+
+def find_keys(keys: Attribute, names: Sequence[tuple[str, str]]) -> tuple[str, ...]:
+    """The keys whose sum is the first expression that exists among some, each given by its convention and name.
+
+    Empty if all are missing.
+    """
     for convention, name in names:
         translated = translate_key_names(keys.labels, convention)
         parts = tuple(old for old, new in translated.renamed.items() if new == name) or translated.composed.get(name)
         if parts:
-            return np.asarray(offsets[:, [keys.labels.index(part) for part in parts]].sum(axis=1))
-    raise MeshError("There is no shape key {name}: add one, or place landmarks by hand.", name=names[0][1])
+            return tuple(parts)
+    return ()
 
 
-def _skin_of(mesh: WorkingMesh, offsets: Mapping[str, Floats]) -> _Skin:
-    """The skin, with the head's directions by the places that keys (n, 3) move."""
+def _skin_of(mesh: WorkingMesh, offsets: Mapping[str, Floats]) -> FaceSkin:
+    """The skin, with the directions of the head computed from the regions that keys (n, 3) move."""
     vertices = mesh.vertices
     areas = vertex_areas(vertices, mesh.triangles)
 
@@ -219,10 +242,10 @@ def _skin_of(mesh: WorkingMesh, offsets: Mapping[str, Floats]) -> _Skin:
     head = HeadDirections.of(one, other, mouth)
     graph = edge_graph(vertices, mesh.triangles)
     eyes = (one + other) / 2
-    return _Skin(vertices, mesh.vertex_normals, graph, head.left, head.up, head.forward, eyes, head.size)
+    return FaceSkin(vertices, mesh.vertex_normals, graph, head.left, head.up, head.forward, eyes, head.size)
 
 
-def _lips(skin: _Skin, mouth: _Slit) -> tuple[int, int]:
+def _lips(skin: FaceSkin, mouth: Slit) -> tuple[int, int]:
     """The foremost vertices of the upper and of the lower lip, in the middle."""
     height, beside = skin.vertices @ skin.up, np.abs((skin.vertices - skin.eyes) @ skin.left)
     chosen = []
@@ -235,8 +258,8 @@ def _lips(skin: _Skin, mouth: _Slit) -> tuple[int, int]:
     return chosen[0], chosen[1]
 
 
-def _extremes(skin: _Skin, mouth: Floats) -> tuple[int, int, int, int]:
-    """Nose, chin and ears, by the place of the mouth."""
+def _extremes(skin: FaceSkin, mouth: Floats) -> tuple[int, int, int, int]:
+    """Nose, chin and ears, from the position of the mouth."""
     middle = np.abs((skin.vertices - skin.eyes) @ skin.left) < BESIDE * skin.size
     height = skin.vertices @ skin.up
     nose = middle & (height > mouth @ skin.up) & (height < skin.eyes @ skin.up)

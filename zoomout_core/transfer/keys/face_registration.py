@@ -2,15 +2,15 @@
 """Register the face of a source to its target, before the source's expression keys are transferred.
 
 A map of whole heads is off by some millimetres on the face, where keys vary most. The source's face is therefore
-deformed until it coincides with the target, with the least bending energy of its displacement u (a discrete thin plate,
-Botsch and Kobbelt, An intuitive framework for real-time freeform modeling, 2004),
+deformed until it coincides with the target. Its displacement u minimises the bending energy of a discrete thin plate
+(Botsch and Kobbelt, An intuitive framework for real-time freeform modeling, 2004) and the distances to the target,
 
     b u^T L A^-1 L u + sum_i a_i |P_i (x_i + u_i - q_i)|^2,
 
 where L is the stiffness, A the areas, q the closest points with similar normals, and P weighs distances along the
 surface less than those across it (Chen and Medioni 1992). Normals distinguish lips and lids whose surfaces face
-each other. Closest points slide along the rims of lids and lips. These rims are therefore also attracted by those of
-the target's eye or mouth, as far as they are visible from the front.
+each other. Closest points slide along the rims of lids and lips. Rims that are visible from the front are therefore
+also attracted by those of the target's eyes and mouth.
 """
 
 from __future__ import annotations
@@ -45,19 +45,18 @@ class FaceRegistrationTuning(Tuning, set_by="faces"):
     """How the face of a source is deformed. All lengths are relative to the square root of its area, about 25 cm.
 
     Attributes:
-        bending: factor of the bending energy in each round: features above about 8 mm align first, those above 2 mm
-            last. With three rounds each of 1e-6, 1e-7 and 1e-9, errors of keys are the same, but on a voxel skin with
-            closed lips three times as many edges are torn.
-        first_bending: factor of the bending energy of the deformation that the map implies: it smooths the map's
+        bending: factor of the bending energy in each round. The first rounds align features above about 8 mm, the last
+            ones those above 2 mm. Three rounds each of 1e-6, 1e-7 and 1e-9 give the same errors of keys, but tear three
+            times as many edges of a voxel skin with closed lips.
+        first_bending: factor of the bending energy of the deformation that the map implies. It smooths the map's
             errors over 2 cm.
-        normal_weight: distance that counts as much as a unit difference of normals where closest points are searched.
-            Larger ones align bumps and folds that two persons do not share. With half of it, lids are matched better,
-            and lips worse.
-        rim_weight: weight of a vertex on the rim of a lid or a lip, which the corresponding place on the target
-            attracts. With five times as much, errors are alike on the heads that set it, and the largest gap of lids
-            grows by a sixth.
+        normal_weight: distance equivalent to a unit difference of normals in the search for closest points. Larger
+            values align bumps and folds that two persons do not share. Half of it matches lids better and lips worse.
+        rim_weight: weight of the attraction between a vertex on the rim of a lid or lip and the corresponding place on
+            the target. Five times as much gives similar errors on the heads used for tuning, but enlarges the largest
+            gap between lids by a sixth.
         iterations: conjugate gradient steps of a round.
-        moved: the face is what the keys move by more than this share of the largest motion.
+        moved: the face consists of the vertices that keys move by more than this share of the largest motion.
     """
 
     bending: tuple[float, ...] = tuned((1e-6, 1e-8, 1e-8), "at unit area", 1e-12, 1)
@@ -73,23 +72,23 @@ SLIDING = 0.1  # weight of a squared distance along the surface against one acro
 COMPATIBLE = 0.3  # smallest cosine between normals of partners
 OUTLIER = 6.0  # scale of robust weights, in medians of the distances
 SOLVED = 1e-3  # share of the first residual at which conjugate gradients end
-# The centre of an eye is that of the vertices whose motion in a blink exceeds the first share of the largest one.
-# Around the mean of all moving vertices, as in `face_landmarks`, lids correspond less well. Vertices within the second
-# distance, relative to that between the eyes, determine the place of an eye on the target.
+# The centre of an eye is the mean of the vertices whose motion in a blink exceeds the first share of the largest one.
+# The mean of all moving vertices, as in `face_landmarks`, matches lids less well. Vertices within the second distance,
+# relative to that between the eyes, determine the place of an eye on the target.
 LID, NEAR_EYE, NEAR_MOUTH = 0.5, 0.25, 0.25
-MARGIN = 0.1  # around what the keys move: the face is registered along with its surroundings
-# A face with fewer vertices has no details to register. Images farther than this from the target, or from those of the
-# map, are wrong.
+MARGIN = 0.1  # around the vertices that keys move: the face is registered along with its surroundings
+# A face with fewer vertices has no details to register. Images farther than this from the target, or from the map's
+# images, are wrong.
 MIN_VERTICES, NEAR, MAX_CHANGE = 500, 0.01, 0.1
-# Share of the face's area that must be registered; otherwise target and source differ too much, and the map remains.
+# If less than this share of the face's area is registered, target and source differ too much, and the map is kept.
 MIN_REGISTERED = 0.8
 
 
 def register_face(offsets: Floats, expressions: list[Floats], mapped: MappedTarget) -> MappedTarget:
     """The target with a map that is more exact on the face.
 
-    Takes the offsets (n_s, keys, 3) of all keys of a head, and those of its `find_expressions`. Where the registration
-    fails, and outside of the face, the map remains.
+    Takes the offsets (n_s, keys, 3) of all keys of a head, and those of its `find_expressions`. The map is kept where
+    the registration fails, and outside the face.
     """
     face = _Face.of(offsets, expressions, mapped)
     if face is None:
@@ -110,7 +109,7 @@ def register_face(offsets: Floats, expressions: list[Floats], mapped: MappedTarg
 
 @dataclass(frozen=True, eq=False)
 class _Face:
-    """The source's face, and the part of the target that is mapped to it, in the frame of the face."""
+    """The source's face, and the part of the target that is mapped to it, in the face's coordinates."""
 
     mesh: WorkingMesh  # n vertices, of unit area
     vertices: Integers  # (t,) vertices of the target's working mesh
@@ -164,16 +163,16 @@ class _Face:
 
     @cached_property
     def normals(self) -> Floats:
-        """(t, 3) outward unit normals of the target."""
+        """Outward unit normals (t, 3) of the target."""
         return vertex_normals(self.places, self.triangles)
 
     @cached_property
     def areas(self) -> Floats:
-        """(t,) areas of the target's vertices."""
+        """Areas (t,) of the target's vertices."""
         return vertex_areas(self.places, self.triangles)
 
     def register(self) -> Floats:
-        """(n, 3) positions of the face's vertices on the target."""
+        """Positions (n, 3) of the face's vertices on the target."""
         mesh = self.mesh
         stiffness, areas = mesh_laplacian(mesh.vertices, mesh.triangles)
         areas = np.maximum(areas, 1e-3 * areas.mean())  # bounds the energy of slivers
@@ -207,7 +206,7 @@ class _Face:
     def locate(self, moved: Floats) -> tuple[Integers, Floats, Booleans]:
         """The target's vertices on the face with moved vertices (n, 3).
 
-        Returns (t,) triangles, (t, 3) barycentric coordinates, and (t,) which of them were found.
+        Returns triangles (t,), barycentric coordinates (t, 3), and a mask (t,) of the vertices that were found.
         """
         mesh = self.mesh
         here = OrientedSurface(moved, mesh.triangles, mesh.flipped, FACE_REGISTRATION.normal_weight)
@@ -221,7 +220,7 @@ class _Face:
     def _match_lids(self, displacement: Floats) -> tuple[Integers, Floats]:
         """The vertices (r,) on the rims of the lids, and their shifts (r, 3) to those of the target.
 
-        A first displacement (n, 3) gives the places of its eyes.
+        A first displacement (n, 3) locates the target's eyes.
         """
         vertices, head = self.mesh.vertices, self.head
         chosen, shifts = [np.empty(0, dtype=np.int64)], [np.empty((0, 3))]
@@ -241,7 +240,7 @@ class _Face:
     def _match_mouth(self, displacement: Floats) -> tuple[Integers, Floats]:
         """The vertices (r,) along the line between the lips, and their shifts (r, 3) to that of the target.
 
-        A first displacement (n, 3) gives the place of its mouth.
+        A first displacement (n, 3) locates the target's mouth.
         """
         vertices, head, triangles = self.mesh.vertices, self.head, self.mesh.triangles
         none = np.empty(0, dtype=np.int64), np.empty((0, 3))
@@ -259,7 +258,7 @@ class _Face:
         return match_lips(vertices, is_upper, here, there, head)
 
     def _first_displacement(self, energy: csc_array) -> Floats:
-        """(n, 3) the smooth displacement that the map implies."""
+        """The smooth displacement (n, 3) that the map implies."""
         missed = self.places - self.images @ self.mesh.vertices
         weighted = csc_array(self.images.T @ diags_array(self.areas))
         factors = factorise(csc_array(FACE_REGISTRATION.first_bending * energy + weighted @ self.images))
@@ -276,32 +275,32 @@ class _Pins:
 
     @classmethod
     def of(cls, chosen: Integers, shifts: Floats, vertices: Floats, area: float, direction: Floats) -> _Pins:
-        """Attract some vertices (c,) of (n, 3) by their places after shifts (c, 3)."""
+        """Attract vertices (c,), among positions (n, 3), by their positions after shifts (c, 3)."""
         weight, goals = np.zeros(len(vertices)), vertices.copy()
         weight[chosen] = FACE_REGISTRATION.rim_weight * area
         goals[chosen] += shifts
         return cls(weight, goals, direction)
 
     def of_values(self, values: Floats) -> Floats:
-        """(n, 3) the product of their quadratic form with values (n, 3)."""
+        """The product (n, 3) of the quadratic form with values (n, 3)."""
         along = np.outer(values @ self.direction, self.direction)
         return np.asarray(self.weight[:, None] * (values - along))
 
 
 @dataclass(frozen=True, eq=False)
 class _Residuals:
-    """The quadratic form of the distances from goals, mainly across the surface, and from those of pins."""
+    """The quadratic form of the distances from goals, mainly across the surface, and from pins."""
 
     weight: Floats  # (n,)
     normals: Floats  # (n, 3)
     pins: _Pins
 
     def of(self, values: Floats) -> Floats:
-        """(n, 3) its product with values (n, 3)."""
+        """Its product (n, 3) with values (n, 3)."""
         return self._across(values) + self.pins.of_values(values)
 
     def towards(self, goals: Floats, places: Floats) -> Floats:
-        """(n, 3) the forces on places (n, 3) towards goals (n, 3) on the surface, and towards those of the pins."""
+        """The forces (n, 3) on positions (n, 3) towards goals (n, 3) on the surface, and towards the pins."""
         return self._across(goals - places) + self.pins.of_values(self.pins.goals - places)
 
     def _across(self, values: Floats) -> Floats:
@@ -310,14 +309,14 @@ class _Residuals:
 
 
 def _middles(mesh: WorkingMesh, expressions: list[Floats]) -> list[Floats]:
-    """(3,) the middle of what each expression (n_s, 3) moves most."""
+    """The mean position (3,) of the vertices that each expression (n_s, 3) moves most."""
     areas = vertex_areas(mesh.vertices, mesh.triangles)
     motions = [on_working_mesh(mesh, row_norms(each)) for each in expressions]
     return [np.average(mesh.vertices, axis=0, weights=areas * (each >= LID * each.max())) for each in motions]
 
 
 def _solve(bending: csc_array, data: _Residuals, factors: SuperLU, right: Floats) -> Floats:
-    """(n, 3) the solution of the normal equation with the right side (n, 3), by preconditioned conjugate gradients."""
+    """Solve the normal equation with the right side (n, 3) by preconditioned conjugate gradients."""
     solution, residual = np.zeros_like(right), right
     direction = preconditioned = factors.solve(np.asfortranarray(residual))
     product = first = float((residual * preconditioned).sum())

@@ -19,32 +19,32 @@ MAX_HEIGHT = 20
 
 @dataclass(frozen=True, eq=False)
 class FrontView:
-    """A rectangle of square pixels around a place (3,) of a surface, with its depth along the directions of a head."""
+    """A depth image of a surface: square pixels around a point (3,), aligned with the directions of a head."""
 
     origin: Floats  # (3,) the centre along the directions left, up and forward
     pixel: float  # length of a side of a pixel
-    depth: Floats  # (columns, rows) places of the front along the direction forward; -inf where there is none
-    corners: Integers  # (columns, rows, 3) the vertices of the triangle that is seen
-    weights: Floats  # (columns, rows, 3) the barycentric coordinates of the place in it; zero where there is none
+    depth: Floats  # (columns, rows) position of the visible surface along the direction forward; -inf where none
+    corners: Integers  # (columns, rows, 3) the vertices of the visible triangle
+    weights: Floats  # (columns, rows, 3) barycentric coordinates in it; zero where no triangle is visible
 
     @property
     def across(self) -> Floats:
-        """(columns,) places of the columns along the direction left."""
+        """Positions (columns,) of the columns along the direction left."""
         columns = self.depth.shape[0]
         return np.asarray((np.arange(columns) + (1 - columns) / 2) * self.pixel + self.origin[0])
 
     def height_of(self, row: Floats) -> Floats:
-        """(q,) places along the direction up of the lower borders of rows (q,)."""
+        """Positions (q,) along the direction up of the lower borders of rows (q,)."""
         return np.asarray((row - self.depth.shape[1] / 2) * self.pixel + self.origin[1])
 
     def interpolate(self, values: Floats) -> Floats:
-        """(columns, rows) values of the surface that is seen, from those of its vertices (n,)."""
+        """Values (columns, rows) of the visible surface, from those of its vertices (n,)."""
         return np.asarray(np.einsum("xyc,xyc->xy", self.weights, values[self.corners]))
 
     def close(self, height: float) -> Floats:
-        """(columns, rows) the depth after a morphological closing of each column, by a height.
+        """The depth (columns, rows) after a morphological closing of each column, by a height.
 
-        Valleys of the depth that are narrower become level; the black top-hat is how deep they were (Serra, Image
+        The closing fills in narrower valleys. The difference, called black top-hat, is their depth (Serra, Image
         Analysis and Mathematical Morphology, 1982).
         """
         seen = np.isfinite(self.depth)
@@ -62,8 +62,8 @@ def view_from_front(
 ) -> FrontView | None:
     """Draw a surface of vertices (n, 3) and triangles (m, 3) around a centre (3,).
 
-    Takes half the width and half the height of the image, and the number of its columns. None if it is empty, a single
-    row, or much higher than wide.
+    Takes half the width and half the height of the image, and the number of its columns. None if the image is empty, a
+    single row, or much higher than wide.
     """
     if not 0 <= half[1] < MAX_HEIGHT * half[0]:
         return None
@@ -94,7 +94,7 @@ def view_from_front(
 
 
 def enclosed_pieces(chosen: Booleans) -> Integers:
-    """(columns, rows) numbers from 1 of connected pieces of chosen pixels; 0 elsewhere, and for pieces at a border."""
+    """Label connected pieces of chosen pixels (columns, rows) from 1; 0 elsewhere, and for pieces at the border."""
     piece, _ = scipy.ndimage.label(chosen)
     border = np.concatenate([piece[[0, -1]].ravel(), piece[:, [0, -1]].ravel()])
     return np.where(np.isin(piece, border), 0, piece)

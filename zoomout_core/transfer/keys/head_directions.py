@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The directions of a head, by its eyes and its mouth."""
+"""The directions of a head, computed from the positions of its eyes and mouth."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class HeadDirections:
 
     @classmethod
     def of(cls, left_eye: Floats, right_eye: Floats, mouth: Floats) -> HeadDirections:
-        """The directions of a head with eyes and mouth at three places (3,)."""
+        """The directions of a head from the positions (3,) of both eyes and the mouth."""
         across = left_eye - right_eye
         size = float(np.linalg.norm(across))
         left = across / max(size, SMALLEST)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Faces of a target that shape keys push through others, such as lips through teeth, unlike those of its source."""
+"""Find faces that shape keys push through others on the target but not on the source, such as lips through teeth."""
 
 from __future__ import annotations
 
@@ -14,17 +14,18 @@ from zoomout_core.arrays import Booleans, Floats, Integers, row_norms, take_rows
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_normals
 
-# Finds the pairs (p, 2) of triangles that intersect, each once, among positions (n, 3) and triangles (m, 3): two of the
-# first chosen ones (c,), ascending, or one of these and one of the others (o,). Neighbours may be among them.
+# Takes positions (n, 3), triangles (m, 3), chosen ones (c,), ascending, and others (o,). Finds each pair (p, 2) of
+# triangles that intersect once: two chosen ones, or a chosen one and one of the others. Neighbours may be included.
 IntersectingTriangles = Callable[[Floats, Integers, Integers, Integers], Integers]
 
-# The strengths at which keys are looked at.
+# The strengths at which keys are checked.
 STRENGTHS = 0.5, 1.0
-# Shares of a key's largest motion. Triangles that move less than the first are still, and two still ones are not
-# compared. Triangles that intersect less deeply than the second only touch, like closing lips: a tenth of a millimetre
-# for a blink.
+# Shares of a key's largest motion. Triangles that move less than the first count as still; pairs of still triangles are
+# skipped. Triangles that intersect less deeply than the second only touch, like closing lips. For a blink, this is a
+# tenth of a millimetre.
 STILL, TOUCHING = 0.05, 0.01
-# Cells along the largest side of what a key moves, and from one to another whose triangles may intersect its own.
+# Grid cells along the largest side of the region that a key moves, and the distance in cells within which triangles may
+# intersect.
 CELLS, BESIDE = 32, 2
 
 
@@ -32,15 +33,14 @@ CELLS, BESIDE = 32, 2
 class Intersections:
     """Finds where keys push faces of a target through others.
 
-    Two triangles count if they intersect in the middle of a key or at its end, neither at rest nor on the source.
+    Two triangles count if they intersect at half or full strength of a key, but neither at rest nor on the source.
 
     Attributes:
         source: the source at rest.
         target: the target at rest.
         images: (n_t, 3) the vertices of the source around the image of each vertex of the target; -1 where the map is
-            not valid, such as when modifiers change the faces of the source.
-        intersecting_triangles: finds triangles that intersect, such as by trees of bounding volumes, which the host
-            has.
+            not valid, for example because modifiers change the faces of the source.
+        intersecting_triangles: finds triangles that intersect, for example with the host's bounding volume hierarchy.
     """
 
     source: Surface
@@ -49,9 +49,9 @@ class Intersections:
     intersecting_triangles: IntersectingTriangles
 
     def find(self, of_source: Floats, of_target: Floats) -> Booleans:
-        """(n_t,) the vertices of faces that intersect others, where a key moves source (n_s, 3) and target (n_t, 3).
+        """A mask (n_t,) of vertices at intersecting faces when a key moves source (n_s, 3) and target (n_t, 3).
 
-        Vertices whose map is not valid are left out.
+        Vertices whose map is not valid are excluded.
         """
         found = np.zeros(len(self.target.vertices), dtype=bool)
         triangles, length = self.target.triangles, row_norms(of_target)
@@ -69,14 +69,14 @@ class Intersections:
         return found & (self.images[:, 0] >= 0)
 
     def _pairs(self, posed: Floats, triangles: Integers, chosen: Booleans) -> Integers:
-        """Pairs (p, 2) of triangles that intersect, of which one is among some chosen ones (m,)."""
+        """Pairs (p, 2) of intersecting triangles, at least one of them chosen (m,)."""
         first, others = np.flatnonzero(chosen), np.flatnonzero(~chosen)
         if len(first) and len(others):
             others = np.flatnonzero(_are_near(posed, triangles, chosen))
         return self.intersecting_triangles(posed, triangles, first, others)
 
     def _new_pairs(self, posed: Floats, moving: Booleans, depth: float) -> Integers:
-        """Pairs (p, 2) of triangles that intersect by more than a depth, and do not at rest."""
+        """Pairs (p, 2) of triangles that intersect deeper than a threshold, but not at rest."""
         triangles = self.target.triangles
         pairs = self._pairs(posed, triangles, moving)
         pairs = _without(pairs, triangles, self._intersecting_at_rest)
@@ -85,16 +85,16 @@ class Intersections:
 
     @cached_property
     def _intersecting_at_rest(self) -> Booleans:
-        """(n_t,) the vertices at and beside faces that intersect others at rest."""
+        """A mask (n_t,) of vertices at and beside faces that intersect others at rest."""
         vertices, triangles = self.target.vertices, self.target.triangles
         pairs = self._pairs(vertices, triangles, np.ones(len(triangles), dtype=bool))
         pairs = _without_neighbours(pairs, triangles, vertices)
         return _widen(np.isin(np.arange(len(vertices)), triangles[pairs]), triangles)
 
     def _intersecting_images(self, posed: Floats, corners: Integers) -> Booleans:
-        """(n_t,) the target's vertices whose images are at or beside faces of the posed source that intersect others.
+        """A mask (n_t,) of vertices whose images are at or beside intersecting faces of the posed source.
 
-        Faces of the source are looked at around the images of some of the target's vertices, `corners`.
+        Only the faces of the source around the images of `corners`, vertices of the target, are checked.
         """
         triangles = self.source.triangles
         images = self.images[np.unique(corners)]
@@ -107,9 +107,9 @@ class Intersections:
 
 
 def _are_near(posed: Floats, triangles: Integers, chosen: Booleans) -> Booleans:
-    """(m,) which triangles that are not chosen (m,) are in the cells of a grid in or beside which chosen ones are.
+    """A mask (m,) of the other triangles in the grid cells that contain chosen ones (m,), and in cells beside these.
 
-    Cells are at least as large as the triangles, so that none that intersects a chosen one is left out.
+    Cells are at least as large as the triangles, so no triangle that intersects a chosen one is missed.
     """
     corners = [take_rows(posed, corner) for corner in triangles.T]
     first, last = reduce(np.minimum, corners), reduce(np.maximum, corners)
@@ -128,23 +128,23 @@ def _are_near(posed: Floats, triangles: Integers, chosen: Booleans) -> Booleans:
 
 
 def _at_any(chosen: Booleans, triangles: Integers) -> Booleans:
-    """(m,) which triangles (m, 3) have a corner among some vertices (n,)."""
+    """A mask (m,) of the triangles (m, 3) with a corner among some vertices (n,)."""
     return np.asarray(reduce(np.logical_or, [chosen[corner] for corner in triangles.T]))
 
 
 def _without(pairs: Integers, triangles: Integers, known: Booleans) -> Integers:
-    """The pairs (p, 2) of triangles that are not both at known vertices (n,)."""
+    """Exclude pairs (p, 2) of triangles that are both at known vertices (n,)."""
     return pairs[~_at_any(known, triangles)[pairs].all(axis=1)]
 
 
 def _without_neighbours(pairs: Integers, triangles: Integers, vertices: Floats) -> Integers:
-    """The pairs (p, 2) of triangles without a common corner at rest, where seams of UV maps may have split vertices."""
+    """Exclude pairs (p, 2) of triangles that share a corner at rest, including corners split by UV seams."""
     one, other = (vertices[triangles[side]] for side in pairs.T)
     return pairs[~(one[:, :, None] == other[:, None]).all(axis=3).any(axis=(1, 2))]
 
 
 def _depths(posed: Floats, triangles: Integers, pairs: Integers) -> Floats:
-    """(p,) how far each two triangles must be moved along one of their normals to part."""
+    """Penetration depths (p,): how far two triangles must move along one of their normals to separate."""
     one, other = pairs.T
     return np.minimum(
         _depths_below(posed, triangles[one], triangles[other]), _depths_below(posed, triangles[other], triangles[one])
@@ -152,7 +152,7 @@ def _depths(posed: Floats, triangles: Integers, pairs: Integers) -> Floats:
 
 
 def _depths_below(posed: Floats, triangles: Integers, others: Integers) -> Floats:
-    """(p,) how far each triangle (p, 3) must be moved along the normal of another one to be on one side of it."""
+    """Distances (p,) that each triangle (p, 3) must move along another one's normal to be on one side of it."""
     heights = np.einsum("pcx,px->pc", posed[triangles] - posed[others[:, :1]], triangle_normals(posed, others))
     return np.minimum(heights.max(axis=1), -heights.min(axis=1))
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Lips that are joined on the target, such as on scans, so that no key can open its mouth."""
+"""Detect joined lips of the target, such as on scans: no key can open such a mouth."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from zoomout_core.transfer.keys.face_landmarks import (
 )
 from zoomout_core.transfer.mapped_target import MappedTarget
 
-# Lips are joined if edges lead from one to the other along this share of the mouth's width. On 13 heads with separate
-# lips, errors of the map do so along at most a third of it. On two heads with joined lips it is three quarters.
+# Lips are joined if edges connect them along this share of the mouth's width. On 13 heads with separate lips, errors of
+# the map connect at most a third of it. On two heads with joined lips it is three quarters.
 JOINED = 0.55
 
 
 def has_joined_lips(keys: Attribute, mapped: MappedTarget) -> bool:
-    """Whether edges of the target connect the lips that keys of the source part; false if no such key is known."""
+    """Whether edges of the target connect lips that a key of the source separates; false if no such key is known."""
     target = mapped.target.working
     try:
         offsets = find_offsets(keys, KEYS[OPEN_MOUTH])

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Names of expression keys: recognise the convention that they follow, and rename them to another.
 
-`key_table.py` has the names. Key names are compared by their words, so case, separators, `_L` for `Left` and what
-programs put before them (`blendShape1.`, `Head_`) make no difference.
+`key_table.py` lists the names. Key names are compared by their words, so case, separators, `_L` for `Left` and prefixes
+that programs add (`blendShape1.`, `Head_`) make no difference.
 """
 
 from __future__ import annotations
@@ -27,13 +27,14 @@ COPY = re.compile(r"\.\d{3,}$")
 NEW_WORD = re.compile(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
 WORD = re.compile(r"[^\W\d_]+|\d+")
 SIDES = {"l": "left", "left": "left", "r": "right", "right": "right"}
-# The node or mesh that a program puts before a name.
+# The node or mesh that a program adds before a name.
 NODE = re.compile(r"^.*[.:|](?=.)")
-# Names follow a convention if at least this many of them belong to it, and either half of them do, or half of its names
-# are present. Fewer may be chance, such as VRM's "a".
+# Names follow a convention if at least this many of them belong to it, and if half of them do, or half of its names are
+# present. Fewer may be a coincidence, such as VRM's "a".
 MIN_NAMES, MIN_SHARE = 3, 0.5
-MANY_NAMES = 4096  # whose forms are kept: the names of the keys of one head are recognised several times
-# Missing names that are listed in a sentence.
+MANY_NAMES = 4096  # names whose forms are cached: those of one head are looked up several times
+MANY_HEADS = 16  # heads whose sorted names are cached: a transfer looks up several keys
+# Number of missing names that a sentence lists.
 LISTED = 12
 
 # The names whose keys add up to an expression.
@@ -44,8 +45,8 @@ class Cell(NamedTuple):
     """An expression in a convention.
 
     Attributes:
-        written: the name of its key; empty if it has none of its own.
-        sums: the keys, or sums of keys, that are this expression.
+        written: the name of its key; empty if the convention has no single key for it.
+        sums: the keys, or sums of keys, that make this expression.
     """
 
     written: str
@@ -57,12 +58,12 @@ class TranslatedKeys:
     """Key names in another convention.
 
     Attributes:
-        sources: the conventions of the given names; none if these are not known, several for an avatar with expressions
-            and visemes.
+        sources: the conventions of the given names; none if no convention is recognised, several for an avatar with
+            expressions and visemes.
         target: the convention of the new names.
-        renamed: the new name of each given name that has one, also where both are the same.
+        renamed: the new name of each given name that has one, even if both are the same.
         composed: further names of the new convention, each with the given names of the keys that add up to it.
-        missing: names of the new convention that are neither.
+        missing: names of the new convention that are neither renamed nor composed.
 
     Example:
         >>> zo.translate_key_names(["browInnerUp_L", "browInnerUp_R", "jawOpen"], "arkit").composed
@@ -96,14 +97,14 @@ def key_names(convention: str) -> tuple[str, ...]:
 
 
 def recognise_key_names(names: Sequence[str]) -> str | None:
-    """The convention that the names of keys follow, of `key_names`; None if that is not clear.
+    """The convention that the names of keys follow, see `key_names`; None if it is ambiguous.
 
     Example:
         >>> zo.recognise_key_names(["Basis", "blendShape1.EyeBlink_L", "blendShape1.EyeBlink_R", "blendShape1.JawOpen"])
         'arkit'
     """
     found = {convention: _find(names, convention) for convention in CONVENTIONS}
-    # Among conventions that spell the same names, prefer that of this spelling.
+    # Among conventions with the same names, prefer the one with this spelling.
     exact = {convention: sum(new == name for new, name in one.items()) for convention, one in found.items()}
     best = max(CONVENTIONS, key=lambda convention: (len(found[convention]), exact[convention]))
     enough = max(MIN_NAMES, MIN_SHARE * min(len(set(names)), len(key_names(best))))
@@ -113,14 +114,14 @@ def recognise_key_names(names: Sequence[str]) -> str | None:
 def translate_key_names(names: Sequence[str], target: str, source: str | None = None) -> TranslatedKeys:
     """The names of keys in another convention.
 
-    A key whose expression the other convention has in several parts cannot be split, and keeps its name. Names of no
-    convention are kept.
+    If the new convention divides an expression into several keys, the given key cannot be split, and keeps its name.
+    Names of no convention are kept.
 
     Args:
         names: names of keys, such as `blendShape1.eyeBlink_L`.
         target: the convention of the new names, see `key_names`.
-        source: the convention of the given ones. If not given, it is recognised, and then that of the names that are
-            left, such as visemes.
+        source: the convention of the given names. If omitted, it is recognised, and then those of the remaining names,
+            such as visemes.
 
     Raises:
         ValueError: there is no such convention.
@@ -134,7 +135,7 @@ def translate_key_names(names: Sequence[str], target: str, source: str | None = 
         _check(convention)
     renamed = {name: name for name in names if name in key_names(target)}
     taken, composed = set(renamed), dict[str, Sum]()
-    own = _sort(names) if source is None else {source: _find(names, source)}
+    own = _sort(tuple(names)) if source is None else {source: _find(names, source)}
     for each, found in own.items():
         rows = [(row[each], row[target]) for row in _expressions() if each in row and target in row]
         for old, new in rows:
@@ -151,7 +152,7 @@ def translate_key_names(names: Sequence[str], target: str, source: str | None = 
 
 
 def missing_key_names(names: Sequence[str], convention: str) -> tuple[str, ...]:
-    """The names of a convention whose keys are not among those with some names, nor can be composed of them.
+    """The names of a convention that are neither among some names of keys nor can be composed of their keys.
 
     Raises:
         ValueError: there is no such convention.
@@ -171,8 +172,8 @@ def translate_offsets(
     Args:
         offsets: shape keys, of the kind OFFSET.
         target: the convention of the new names.
-        compose: whether to add the keys that are sums of others; these stay.
-        source: the convention of the names; recognised if not given.
+        compose: whether to add the keys that are sums of others, which are kept.
+        source: the convention of the names; recognised if omitted.
 
     Raises:
         ValueError: there is no such convention.
@@ -199,7 +200,7 @@ def describe(keys: TranslatedKeys, compose: bool = True) -> list[Message]:
     """Sentences for the user about renamed keys.
 
     Args:
-        keys: the names.
+        keys: the translated names.
         compose: whether the composed keys were added.
     """
     title = CONVENTIONS[keys.target].title
@@ -254,7 +255,7 @@ def _check(convention: str) -> None:
 
 
 def _missing(present: Collection[str], convention: str) -> tuple[str, ...]:
-    """The names of a convention that are not present; parts of an expression that is present are not missing."""
+    """The names of a convention that are not present, except for parts of an expression that is present."""
     cells = [row[convention] for row in _expressions() if convention in row]
     there = set(present)
     covered = {
@@ -307,8 +308,9 @@ def _expand(text: str, sides: Sequence[str]) -> Iterator[str]:
 # --- recognition --------------------------------------------------------------------------------------------
 
 
-def _sort(names: Sequence[str]) -> dict[str, dict[str, str]]:
-    """By each convention that the names follow, the names that are of it, see `_find`; each name is of one only."""
+@lru_cache(MANY_HEADS)
+def _sort(names: tuple[str, ...]) -> Mapping[str, Mapping[str, str]]:
+    """The names that belong to each convention that they follow, see `_find`. Each name belongs to one only."""
     sorted_names: dict[str, dict[str, str]] = {}
     left = list(names)
     while (convention := recognise_key_names(left)) is not None:
@@ -319,7 +321,7 @@ def _sort(names: Sequence[str]) -> dict[str, dict[str, str]]:
 
 
 def _find(names: Sequence[str], convention: str) -> dict[str, str]:
-    """The names of a convention that occur, each with the first of the given names that it is in."""
+    """The names of a convention that occur, each with the first given name that has it."""
     known, prefix = _known(convention), _common_words(names)
     found: dict[str, str] = {}
     for name in names:
@@ -372,7 +374,7 @@ def _common_words(names: Sequence[str]) -> list[str]:
 
 
 def _without(prefix: Sequence[str], name: str) -> Iterator[str]:
-    """The form of a name without words that it begins with."""
+    """The form of a name without some words at its beginning."""
     words = words_of(name)
     if prefix and words[: len(prefix)] == list(prefix):
         yield _join(words[len(prefix) :])

@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The names of expression keys in each convention, as one table; `key_names` reads it.
 
-A row is one expression. A cell has the name of its key, without the prefix of the convention. In a cell
+Each row is one expression. A cell contains the name of its key, without the prefix of the convention. In a cell
 
-- `*` is a side: the row stands for two, left and right;
-- `{A,B}` is the sum of the keys with A and with B, and `&` that of both sides: several keys are the expression;
-- `/` separates other keys, or sums of keys, that are the same expression. The first is written, the others are only
+- `*` is a side: the row is two expressions, left and right;
+- `{A,B}` is the sum of the keys with A and with B, and `&` that of both sides;
+- `/` separates alternative keys, or sums of keys, for the same expression. The first is written, the others are only
   read; a cell that begins with `/` is only read.
 
-A cell is empty if the convention has no such expression, or only one that moves other parts of the face as well. So
-visemes and emotions are not composed of ARKit's keys.
+A cell is empty if the convention has no such expression, or only one that also moves other parts of the face. Visemes
+and emotions are therefore not composed of ARKit's keys.
 
 Sources: Apple's `ARFaceAnchor.BlendShapeLocation`; VRCFaceTracking's Unified Expressions, with their comparison to
 ARKit; the controls of MetaHuman's rig as Unreal Engine names them, beside those keys of ARKit that move its face alike;
@@ -28,8 +28,8 @@ class Spelling(NamedTuple):
     Attributes:
         title: the convention's name for the user.
         prefix: the text before each name.
-        left: the side in place of `*`.
-        right: likewise.
+        left: the text that replaces `*` for the left side.
+        right: the same for the right side.
     """
 
     title: str

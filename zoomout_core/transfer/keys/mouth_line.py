@@ -2,9 +2,9 @@
 """The line where the lips meet, seen from the front, and how the lips of two faces correspond.
 
 Seen from the front, the depth of a skin has a valley between the lips, whether they touch or not, and whatever is
-behind them. Its bottom is found in all columns of the image at once by dynamic programming: Amini et al., Using dynamic
-programming for solving variational problems in vision (1990). It is a crease up to the corners of the mouth. Beyond
-them it is rounded, and vanishes in a comparison with its surroundings of a few millimetres.
+behind them. Dynamic programming finds its bottom in all columns of the image at once (Amini et al., Using dynamic
+programming for solving variational problems in vision, 1990). Between the corners of the mouth, the valley is a crease.
+Beyond them it is rounded, and a closing by a few millimetres does not fill it in.
 """
 
 from __future__ import annotations
@@ -19,23 +19,23 @@ from zoomout_core.transfer.keys.head_directions import HeadDirections
 
 # Lengths relative to the distance between the eyes, about 65 mm.
 HALF_WIDTH, HALF_HEIGHT = 0.55, 0.26  # of the image around a mouth
-SEARCHED = 0.2  # from the middle of the image, upwards and downwards, in which the line is searched
-VALLEY, CREASE = 0.2, 0.03  # heights that are closed in the image: above those of an opening, and of a crease
+SEARCHED = 0.2  # the line is searched up to this distance above and below the middle of the image
+VALLEY, CREASE = 0.2, 0.03  # heights of the closings: above those of an opening and of a crease
 OPEN = 0.05  # depth above which lips are apart
 SHARP = 0.01  # depth of a crease between lips
 MIDDLE = 0.15  # half the width of the narrowest mouth
 LIP = 0.12  # height of a lip
 RIM = 0.02  # half the height of a rim
-COLUMNS, CENTRE_COLUMNS = 176, 24  # of the image around a mouth, and of the one in which its middle is searched
-BESIDE = 3  # pixels beside the rims, in which the crease is searched
+COLUMNS, CENTRE_COLUMNS = 176, 24  # of the image around a mouth, and of the image for finding its middle
+BESIDE = 3  # pixels beside the rims in which the crease is searched
 HOLES = 0.1  # share of the columns with holes in a lip above which the line is unclear; at most .01 on whole lips
 MAX_RATIO = 1.5  # of the widths of the mouths of two persons
-PARTED = 0.3  # share of the largest motion of a jaw by which touching lips are parted
+PARTED = 0.3  # touching lips are separated by this share of the largest motion of the jaw
 
 
 @dataclass(frozen=True, eq=False)
 class MouthLine:
-    """The rims of two lips, which are one where they touch: places along the directions of the head."""
+    """The rims of two lips, as positions along the directions of the head. The rims coincide where the lips touch."""
 
     across: Floats  # (c,) columns along the direction left, ascending
     upper: Floats  # (c,) the upper rim along the direction up
@@ -49,7 +49,7 @@ class MouthLine:
         return self.corners[1] - self.corners[0]
 
     def place_at(self, share: Floats, is_upper: Booleans) -> tuple[Floats, Floats]:
-        """Places (q,) along the directions left and up, at shares (q,) of the width, on the wanted rim (q,)."""
+        """Positions (q,) along left and (q,) along up, at shares (q,) of the width, on the requested rims (q,)."""
         across = self.corners[0] + share * self.width
         upper, lower = (np.interp(across, self.across, rim) for rim in (self.upper, self.lower))
         return across, np.where(is_upper, upper, lower)
@@ -58,9 +58,9 @@ class MouthLine:
 def find_lips(
     vertices: Floats, triangles: Integers, opens: Floats, places: tuple[Floats, Floats], head: HeadDirections
 ) -> Floats | None:
-    """The place (3,) between the lips: where a motion that opens the mouth (n,) jumps, as seen from the front.
+    """The point (3,) between the lips, where a motion (n,) that opens the mouth jumps, as seen from the front.
 
-    It is searched between two places (3,), the eyes and the jaw. None if no lips are parted.
+    It is searched between two points (3,), the eyes and the jaw. None if no lips are separated.
     """
     eyes, jaw = places
     half = MIDDLE * head.size, float((eyes - jaw) @ head.up) / 2
@@ -76,9 +76,9 @@ def find_lips(
 
 
 def find_mouth_line(vertices: Floats, triangles: Integers, centre: Floats, head: HeadDirections) -> MouthLine | None:
-    """The line between the lips around a place (3,) in a skin of vertices (n, 3) and triangles (m, 3).
+    """The line between the lips around a point (3,) in a skin of vertices (n, 3) and triangles (m, 3).
 
-    None if the lips have holes, or no line between them, such as joined and level lips.
+    None if the lips have holes, or if there is no line between them, because they are joined and level.
     """
     half = HALF_WIDTH * head.size, HALF_HEIGHT * head.size
     view = view_from_front(vertices, triangles, centre, head, half, COLUMNS)
@@ -101,7 +101,7 @@ def find_mouth_line(vertices: Floats, triangles: Integers, centre: Floats, head:
     right, left = _length(sharp[:middle][::-1], is_valley[:middle][::-1]), _length(sharp[middle:], is_valley[middle:])
     between = slice(middle - int(right), middle + int(left))
     is_lip = np.abs(row - line[:, None]) * view.pixel < LIP * head.size
-    # The valley between lip and chin may be as deep, but leads out of the image.
+    # The valley between lip and chin may be as deep, but extends beyond the image.
     has_hole = ((enclosed_pieces(depth == OPEN) > 0) & is_lip & ~on_rims).any(axis=1)[between]
     if min(left, right) * view.pixel < MIDDLE * head.size or has_hole.mean() > HOLES:
         return None
@@ -119,8 +119,8 @@ def match_lips(
 ) -> tuple[Integers, Floats]:
     """The vertices (r,) of a face (n, 3) along one line, and the shifts (r, 3) to another one.
 
-    Takes which vertices are on the upper lip (n,). The shifts are perpendicular to the direction forward. There are
-    none if the widths of the mouths differ too much.
+    Takes a mask (n,) of the vertices on the upper lip. The shifts are perpendicular to the direction forward. Both
+    arrays are empty if the widths of the mouths differ too much.
     """
     if not 1 / MAX_RATIO < there.width / here.width < MAX_RATIO:
         return np.empty(0, dtype=np.int64), np.empty((0, 3))
@@ -138,7 +138,7 @@ def match_lips(
 
 
 def find_best_path(values: Floats) -> Integers:
-    """(columns,) the rows, at most one apart from column to column, with the largest sum of values (columns, rows)."""
+    """The path (columns,) with the largest sum of values (columns, rows), at most one row apart between columns."""
     best, steps = values[0], np.zeros(values.shape, dtype=np.int64)
     for column, each in enumerate(values[1:], 1):
         beside = np.stack([np.append(-np.inf, best[:-1]), best, np.append(best[1:], -np.inf)])
@@ -151,9 +151,9 @@ def find_best_path(values: Floats) -> Integers:
 
 
 def _run(chosen: Booleans, line: Integers) -> tuple[Floats, Floats]:
-    """(columns,) where runs of chosen pixels (columns, rows) around a line (columns,) begin and end, in rows.
+    """First and last rows (columns,) of the runs of chosen pixels (columns, rows) around a line (columns,).
 
-    Both are the middle of the line's pixel where this is not chosen.
+    Where the line's pixel is not chosen, both are its middle.
     """
     columns, rows = chosen.shape
     row = np.arange(rows)
@@ -164,9 +164,9 @@ def _run(chosen: Booleans, line: Integers) -> tuple[Floats, Floats]:
 
 
 def _length(sharp: Floats, is_valley: Booleans) -> float:
-    """How many columns a crease extends, by its sharpness (c,) from 0 to 1, up to the end of a valley (c,).
+    """The number of columns of a crease, by its sharpness (c,) from 0 to 1, up to the end of a valley (c,).
 
-    Within a crease, columns that are less sharp than some beyond them count like these.
+    Within a crease, each column counts as sharp as the sharpest one beyond it.
     """
     end = len(sharp) if is_valley.all() else int(np.argmin(is_valley))
     return float(np.maximum.accumulate(sharp[:end][::-1]).sum())

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Loose parts that shape keys move rigidly, such as teeth with the jaw, and eyeballs.
+"""Loose parts that shape keys move rigidly, such as eyeballs and the teeth of the jaw.
 
-Offsets carried vertex by vertex would bend them by the errors of the map. Parts that make the same motions, such as a
-row of teeth, make the same motions on the target.
+If offsets were transferred for each vertex, errors of the map would bend these parts. Parts with the same motion, such
+as a row of teeth, keep a common motion on the target.
 """
 
 from __future__ import annotations
@@ -16,34 +16,35 @@ from zoomout_core.geometry.procrustes import Similarities, procrustes
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.transfer.frames import Frames, on_working_mesh, without_small_turn
 
-# A motion is rigid, or that of another part, up to this share of its length: the vertices of sculpted keys are rounded.
+# Tolerance for a rigid motion, or for that of another part, relative to its length: vertices of sculpted keys are
+# rounded.
 TOLERANCE = 0.02
 # Share of the vertices of a target's part that are mapped to one part of the source.
 MOST = 0.9
 # Fewer vertices determine no rotation.
 MIN_VERTICES = 4
-# All parts together are one rigid frame, such as the teeth and eyes of a skull, if their centres deviate from the best
-# similarity by at most this share of their spread. On heads of other people this is .02 to .09.
+# All parts together form a rigid frame, such as the teeth and eyes of a skull, if their centres deviate from the best
+# similarity by at most this share of their spread. On heads of other people the deviation is .02 to .09.
 MAX_MISFIT = 0.1
-# Ratio of the width of the centres to their length below which they hardly determine a rotation, as two eyes do.
+# Below this ratio of the width of the centres to their length, they hardly determine a rotation: two eyes, for example.
 MIN_WIDTH = 0.2
 
 
 @dataclass(frozen=True, eq=False)
 class _RigidParts:
-    """Parts of the source that make the same rigid motions."""
+    """Parts of the source with the same rigid motions."""
 
     motions: Similarities  # of each key
-    moved: Booleans  # (keys,) by which keys
+    moved: Booleans  # (keys,) which keys move them
     components: list[int]  # the parts' numbers
 
 
 def move_rigid_parts(carried: Floats, offsets: Floats, frames: Frames, other_person: float) -> None:
     """Replace the offsets (n_t, keys, 3) of rigid parts of the target, in place, by rigid motions.
 
-    Takes the offsets (n_s, keys, 3) of the source. Motions are rotated and scaled like all parts together if these are
-    one rigid frame, else like the body beside them. The map of a round part, such as an eyeball, does not determine its
-    rotation. The motions do not grow if source and target are two persons, see `Frames.other_person`.
+    Takes the offsets (n_s, keys, 3) of the source. Motions are rotated and scaled by the common frame of all parts if
+    they form one, otherwise by that of the body beside each part. The map of a round part, such as an eyeball, does not
+    determine its rotation. Motions are not scaled between two persons, see `Frames.other_person`.
     """
     target = frames.mapped.target
     partner = _partners(frames)
@@ -67,7 +68,7 @@ def move_rigid_parts(carried: Floats, offsets: Floats, frames: Frames, other_per
 
 
 def _partners(frames: Frames) -> Integers:
-    """(components,) the part of the source that each part of the target is mapped to; 0, the body, if to several."""
+    """The part of the source (components,) that each part of the target is mapped to; 0, the body, if several."""
     source, target = frames.mapped.source.working, frames.mapped.target.working
     surface_map = frames.mapped.surface_map
     at = source.vertex_of[surface_map.source_triangles[surface_map.triangle, 0]]
@@ -81,7 +82,7 @@ def _partners(frames: Frames) -> Integers:
 
 
 def _common_frame(partner: Integers, frames: Frames) -> Floats | None:
-    """(3, 3) how the centres of all parts with a partner (n_t,) rotate and grow together; None if they do not."""
+    """The common rotation and scale (3, 3) of the centres of all parts with a partner (n_t,); None without one."""
     target = frames.mapped.target
     vertices = np.flatnonzero(partner > 0)
     _, part = np.unique(target.working.component[target.working.vertex_of[vertices]], return_inverse=True)
@@ -100,7 +101,7 @@ def _common_frame(partner: Integers, frames: Frames) -> Floats | None:
 
 
 def _find_rigid_parts(source: Surface, offsets: Floats, components: Integers) -> list[_RigidParts]:
-    """The rigid ones of some parts of the source, grouped by motion; those that no key moves are left out."""
+    """Rigidly moved parts among some of the source's, grouped by motion. Parts that no key moves are excluded."""
     number = source.working.vertex_of
     component = np.where(number >= 0, source.working.component[number], -1)
     found: list[_RigidParts] = []
@@ -120,6 +121,6 @@ def _find_rigid_parts(source: Surface, offsets: Floats, components: Integers) ->
 
 
 def _makes(motions: Similarities, rest: Floats, ways: Floats) -> bool:
-    """Whether rigid motions, one of each key, move vertices (n, 3) by offsets (keys, n, 3)."""
+    """Whether rigid motions, one for each key, move vertices (n, 3) by offsets (keys, n, 3)."""
     missed = np.linalg.norm(motions(rest) - rest - ways, axis=(1, 2))
     return bool(missed.max() <= TOLERANCE * np.linalg.norm(ways, axis=(1, 2)).max())

@@ -3,12 +3,12 @@
 
 Deformation transfer for triangle meshes (Sumner and Popović 2004) transfers the gradients of a motion, and solves for
 the motion with these gradients. With anchors alone it drifts where the target's pose rotates within the moving region,
-so the motion is also attracted by the rotated offsets. These determine it over distances longer than
-`SHAPE_KEYS.smoothing_length`, and the gradients below.
+so the motion is also attracted by the rotated offsets. The offsets determine it over distances longer than
+`SHAPE_KEYS.smoothing_length`, the gradients over shorter ones.
 
-Where the map is smooth, the difference of the offsets of neighbours is a good gradient. An error of the map amplifies
-such differences: a map that is off by a millimetre tears lips and turns them over. There the gradient of the source's
-offsets, at the place that the map finds, is the better one.
+Where the map is smooth, the difference of the offsets of neighbours is a good gradient. Errors of the map amplify such
+differences: a map that is off by a millimetre tears lips and turns them inside out. There the gradient of the source's
+offsets, evaluated at the image, is better.
 """
 
 from __future__ import annotations
@@ -33,6 +33,7 @@ from zoomout_core.transfer.frames import (
     turn_gradients,
     without_sums,
 )
+from zoomout_core.transfer.keys.closed_lids import close_lids
 from zoomout_core.transfer.keys.face_landmarks import find_expressions
 from zoomout_core.transfer.keys.face_registration import register_face
 from zoomout_core.transfer.keys.joined_lips import has_joined_lips
@@ -46,8 +47,8 @@ class ShapeKeyTuning(Tuning, set_by="faces"):
     """How gradients determine the motion of a key.
 
     Attributes:
-        smoothing_length: distance beyond which the rotated offsets determine it, about the height of a lip. Half of it
-            leaves more torn edges, twice as much a larger gap between closed lids.
+        smoothing_length: distance beyond which the rotated offsets determine the motion, about the height of a lip.
+            Half of it leaves more torn edges; twice as much leaves a larger gap between closed lids.
         deviation: distance between the image of an edge and the rotated and scaled edge, as a share of its length, at
             which the difference of the offsets at its ends has a quarter of its weight.
     """
@@ -58,9 +59,9 @@ class ShapeKeyTuning(Tuning, set_by="faces"):
 
 SHAPE_KEYS = ShapeKeyTuning()
 
-# Keys that are solved together; bounds the memory, and more columns at once slow down the solves.
+# Keys that are solved together: more need more memory, and are slower.
 KEYS_AT_ONCE = 5
-# Offsets below either length are noise and set to zero: relative to the longest offset of the key, and at unit area.
+# Shorter offsets are noise and are set to zero: lengths relative to the longest offset of the key, and at unit area.
 MIN_RELATIVE_OFFSET = 1e-4
 MIN_OFFSET = 1e-7
 JOINED_LIPS = (
@@ -74,8 +75,8 @@ def carry_offsets(attribute: Attribute, mapped: MappedTarget) -> Attribute:
 
     The source's vertices must be those before keys: the rest shape, if the source is posed after keys are applied.
     Offsets rotate and scale with the target's shape. Vertices where a key does not move the source stay exactly in
-    place; where confidence is low, a key follows its surroundings. Loose parts that the source's keys move rigidly move
-    rigidly.
+    place. Where confidence is low, a key is interpolated from its surroundings. Loose parts that a key moves rigidly on
+    the source also move rigidly on the target.
     """
     offsets = without_noise(np.asarray(attribute.values), mapped.source.area)
     expressions = find_expressions(attribute)
@@ -96,20 +97,23 @@ def carry_offsets(attribute: Attribute, mapped: MappedTarget) -> Attribute:
         carried[:, some] = carrier.carry(offsets[:, some].astype(np.float64) / growth)
 
     for_each(carry, range(0, offsets.shape[1], KEYS_AT_ONCE))
+    open_blinks = () if expressions is None else close_lids(carried, attribute, frames)
     move_rigid_parts(carried, offsets, frames, other_person)
     filled = int((carried.any(axis=(1, 2)) & doubtful).sum())
     notes = attribute.notes
     if filled:
         notes += (message("Shape keys were smoothed at {count:,} doubtful vertices.", count=filled),)
+    if open_blinks:
+        notes += (message("Eyelids close less than on the source: {keys}.", keys=", ".join(open_blinks)),)
     if has_joined_lips(attribute, mapped):
         notes += (warning(JOINED_LIPS),)
     return replace(attribute, values=carried, notes=notes)
 
 
 def conform_target(mapped: MappedTarget) -> Floats:
-    """(n_t, 3) positions of the target's vertices on the source, with more of its own shape at low confidence."""
+    """Positions (n_t, 3) of the target's vertices on the source; the target keeps its own shape at low confidence."""
     target, frames = mapped.target, frames_of(mapped)
-    # Gradients of the images where they are trusted, and elsewhere those of the target, rotated by the map.
+    # Trusted images give the gradients; elsewhere the target gives them, rotated by the map.
     own = on_working_mesh(target.working, target.vertices)
     gradients = turn_gradients(frames.doubted_stiffness, np.linalg.inv(frames.turns)) @ own.ravel()
     gradients = gradients.reshape(own.shape) + frames.trusted_stiffness @ frames.points
@@ -119,7 +123,7 @@ def conform_target(mapped: MappedTarget) -> Floats:
 
 
 def without_noise(offsets: Floats, area: float) -> Floats:
-    """Set offsets (n, keys, 3) that are too short to be visible on a surface of an area to zero."""
+    """Set offsets (n, keys, 3) to zero that are too short to be visible on a surface of the given area."""
     length = np.sqrt(np.einsum("nkx,nkx->nk", offsets, offsets))
     least = np.maximum(MIN_RELATIVE_OFFSET * length.max(axis=0), MIN_OFFSET * np.sqrt(area))
     return np.where((length < least)[:, :, None], 0, offsets)
@@ -138,11 +142,14 @@ class _Carrier:
 
     @classmethod
     def of(cls, frames: Frames) -> _Carrier:
-        """The edges p_i - p_j of the target with the images q_i - q_j have the differences of offsets, turned by M,
+        """Prepare the system for a target with the given frames.
+
+        An edge p_i - p_j of the target, with the image q_i - q_j, has the difference of offsets
 
             G (p_i - p_j) + a M (o_i - o_j - G (q_i - q_j)),
 
-        by the gradients G of the source's offsets, turned likewise, and with the share a of the second order.
+        where M rotates offsets, G are the rotated gradients of the source's offsets, and a is the weight of the second
+        order.
         """
         source, working, turns = frames.mapped.source, frames.mapped.target.working, frames.steady_turns
         stiffness = csr_array(frames.trusted_stiffness)
@@ -168,7 +175,7 @@ class _Carrier:
         )
 
     def carry(self, offsets: Floats) -> Floats:
-        """(n_t, keys, 3) offsets of the target's vertices, from those (n_s, keys, 3) of the source's."""
+        """Offsets (n_t, keys, 3) of the target's vertices, from those (n_s, keys, 3) of the source's."""
         frames, target = self.frames, self.frames.mapped.target
         turns = frames.steady_turns.transpose(0, 2, 1)
         plain = frames.mapped.surface_map.interpolate(offsets)
@@ -186,13 +193,13 @@ class _Carrier:
         return without_noise(carried, target.area)
 
     def _divergence_of_differences(self, here: Floats) -> Floats:
-        """(n, 3 keys) of the differences of neighbours' offsets (n, keys, 3)."""
+        """The divergence (n, 3 keys) of the differences between neighbours' offsets (n, keys, 3)."""
         n, keys, _ = here.shape
         divergence = self.differences @ here.transpose(0, 2, 1).reshape(3 * n, keys)
         return np.asarray(divergence.reshape(n, 3, keys).transpose(0, 2, 1).reshape(n, 3 * keys))
 
     def _divergence_of_gradients(self, offsets: Floats) -> Floats:
-        """(n, 3 keys) of the gradients of offsets (n_s, keys, 3) on the source."""
+        """The divergence (n, 3 keys) of the gradients of offsets (n_s, keys, 3) on the source."""
         columns = offsets.reshape(len(offsets), -1)
         around = np.stack([component @ columns for component in self.gradient], axis=-1)
         images = self.frames.mapped.surface_map.interpolate(around.reshape(*offsets.shape, 3))

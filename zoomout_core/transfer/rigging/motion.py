@@ -18,9 +18,9 @@ from scipy.spatial import cKDTree
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.geometry.procrustes import SMALLEST
 from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.mesh.affine_maps import normalise
 from zoomout_core.messages import Message, enumeration, message, plural, warning
 from zoomout_core.transfer.rigging.poses import parents_first
-from zoomout_core.transfer.rigging.skinning import normalise
 
 # The hips are the first joint from the root that carries this share of the skin, above this share of the height.
 CARRIED, HIGH = 0.5, 0.25

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Bones of a second source for a part of a target that has bones of its own, such as those of a face.
+"""Add bones of a second source, such as those of a face, to a part of a target that already has bones.
 
-Both rigs share bones of the same humanoid bone or name, which receive the weights of the source's. Bones of the source
-that mostly move the part, and have no partner there, are added below the partner of the nearest bone above them, or
-below the first bone of the part if that moves another part. Weights of the source's other bones are replaced by the
-target's own.
+Bones of both rigs with the same humanoid bone or name are shared, and receive the source's weights. Bones of the source
+that mostly move the part, but have no partner in it, are added. Their parent is the partner of the nearest bone above
+them, or the first bone of the part if that partner moves another part. Weights of the source's other bones are replaced
+by the target's own.
 """
 
 from __future__ import annotations
@@ -15,11 +15,12 @@ import numpy as np
 from scipy.sparse import csr_array, diags_array
 
 from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.mesh.affine_maps import normalise
 from zoomout_core.transfer.rigging.bone_pairs import Skeleton, pair_bones
 from zoomout_core.transfer.rigging.poses import parents_first
-from zoomout_core.transfer.rigging.skinning import normalise, renumber_bones
+from zoomout_core.transfer.rigging.skinning import renumber_bones
 
-# Share of what a bone moves above which it belongs to a part.
+# A bone belongs to a part if more than this share of the area that it moves is in the part.
 MOSTLY = 0.5
 
 
@@ -28,7 +29,7 @@ class SharedBones(NamedTuple):
 
     partners: Integers  # (b,) the target's bone that is shared with each bone of the source, -1 for none
     added: Integers  # (a,) numbers of the source's bones that are added, each after its parent
-    parents: Integers  # (a,) the bone of the target or added bone that each of these hangs from
+    parents: Integers  # (a,) the parent of each of these: a bone of the target or an added one
     weights: csr_array  # (n_t, t + a) weights of all bones, which sum to one
 
 
@@ -38,7 +39,7 @@ def share_bones(
     """Find the bones of a source that a target shares, and those to add to it, see the module.
 
     Args:
-        bones: the bones of the source; their heads do not matter.
+        bones: the bones of the source; their heads are not used.
         others: the bones of the target.
         weights: (n_t, b) weights of the source's bones at the vertices of the target.
         own: (n_t, t) weights of the target's bones.
@@ -51,7 +52,7 @@ def share_bones(
     added = [bone for bone in parents_first(bones.parents) if inside[bone] and partners[bone] < 0]
     columns = partners.copy()
     columns[added] = count + np.arange(len(added))
-    # Bones below which others may hang: those that move the part.
+    # Possible parents of added bones: those that move the part.
     above_part = np.where(columns >= count, columns, np.where((partners >= 0) & inside_own[partners], partners, -1))
     first = _first_bone(others.parents, int(np.argmax(own.T @ counted)), inside_own)
     parents = np.array([_nearest_above(bone, bones.parents, above_part, first) for bone in added], dtype=np.int64)
@@ -63,7 +64,7 @@ def share_bones(
 
 
 def _mostly_in(counted: Floats, areas: Floats, weights: csr_array) -> Booleans:
-    """(b,) which bones move mostly a part, from the area in it and all area of vertices (n,)."""
+    """(b,) the bones that mostly move a part, from the areas (n,) of vertices in the part and of all vertices."""
     moved = weights.T @ areas
     return np.asarray((moved > 0) & (weights.T @ counted > MOSTLY * moved))
 
@@ -71,7 +72,7 @@ def _mostly_in(counted: Floats, areas: Floats, weights: csr_array) -> Booleans:
 def _partners(bones: Skeleton, others: Skeleton, inside: Booleans, inside_own: Booleans) -> Integers:
     """(b,) the target's bone that is shared with each bone of the source, -1 for none.
 
-    A bone that moves the part is not shared with one elsewhere that has its name by chance.
+    A bone that moves the part is not shared with a bone elsewhere that happens to have its name.
     """
     number = {name: bone for bone, name in reversed(list(enumerate(others.names)))}
     pairs = pair_bones(bones, others, 0)  # by names alone: no two heads are nearer to each other than that
@@ -80,14 +81,14 @@ def _partners(bones: Skeleton, others: Skeleton, inside: Booleans, inside_own: B
 
 
 def _first_bone(parents: Integers, bone: int, inside: Booleans) -> int:
-    """The first bone of a part, from one of its bones upwards."""
+    """The first bone of a part, searched upwards from one of its bones."""
     while parents[bone] >= 0 and inside[parents[bone]]:
         bone = int(parents[bone])
     return bone
 
 
 def _nearest_above(bone: int, parents: Integers, numbers: Integers, first: int) -> int:
-    """The number (b,) of the nearest bone above one that has a number, which others have not (-1); else the first."""
+    """(b,) the number of the nearest bone above each that has a number; others have -1. Without any, the first."""
     above = int(parents[bone])
     while above >= 0 and numbers[above] < 0:
         above = int(parents[above])

@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.geometry.procrustes import Similarities
+from zoomout_core.mesh.affine_maps import blend_matrices, normalise
 
 
 def skinning_matrices(transforms: Similarities, weights: csr_array, *, preserve_volume: bool = False) -> Floats:
@@ -29,27 +30,9 @@ def skinning_matrices(transforms: Similarities, weights: csr_array, *, preserve_
     return blend_matrices(matrices_of(transforms), weights)
 
 
-def blend_matrices(matrices: Floats, weights: csr_array) -> Floats:
-    """(n, 3, 4) means of affine maps (b, 3, 4) by weights (n, b) of any sum; zero without weights."""
-    return np.asarray(normalise(weights) @ matrices.reshape(-1, 12)).reshape(-1, 3, 4)
-
-
 def matrices_of(transforms: Similarities) -> Floats:
     """(b, 3, 4) affine maps of similarities."""
     return np.concatenate([transforms.linear, transforms.translation[:, :, None]], axis=2)
-
-
-def transform_points(matrices: Floats, points: Floats) -> Floats:
-    """(n, 3) transform each of some points (n, 3) by its own affine map (n, 3, 4)."""
-    return np.asarray(np.einsum("nxy,ny->nx", matrices[:, :, :3], points) + matrices[:, :, 3])
-
-
-def normalise(weights: csr_array) -> csr_array:
-    """Normalise weights to sum to one, or be zero, at each vertex, in double precision."""
-    shares = csr_array(weights.astype(np.float64))  # a copy
-    sums = np.asarray(shares.sum(axis=1)).ravel()
-    shares.data /= np.repeat(np.where(sums > 0, sums, 1), np.diff(shares.indptr))
-    return shares
 
 
 def renumber_bones(weights: csr_array, numbers: Integers, count: int) -> csr_array:

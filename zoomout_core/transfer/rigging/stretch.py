@@ -17,10 +17,10 @@ from scipy.sparse import csr_array, vstack
 
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.mesh.affine_maps import blend_matrices, transform_points
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import components, edge_lengths, unique_edges
 from zoomout_core.transfer.inpaint import filling
-from zoomout_core.transfer.rigging.skinning import blend_matrices, transform_points
 from zoomout_core.tuning import Tuning, tuned
 
 

@@ -39,7 +39,7 @@ def ellipsoids() -> zo.Surface:
 
 
 def turn(points: np.ndarray, bend: float) -> np.ndarray:
-    """Points about the hinge, turned; with a bend, farther ones turn more."""
+    """Points about the hinge, rotated; with a bend, farther ones turn more."""
     off = points - HINGE
     return np.asarray(Rotation.from_rotvec(np.outer(ANGLE + bend * off[:, 0], [0, 0, 1])).apply(off) + HINGE)
 

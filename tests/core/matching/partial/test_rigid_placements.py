@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Two fragments are placed rigidly on each other where they overlap, however one of them is turned."""
+"""Two fragments are placed rigidly on each other where they overlap, however one of them is rotated."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ TURN = Rotation.from_euler("zyx", [200, 30, 80], degrees=True).as_matrix()
 
 @pytest.fixture(scope="module")
 def fragments() -> PartAndWhole:
-    """Two pieces of a creature that share a third of it; the first one is turned, and its limbs are a little bent."""
+    """Two pieces of a creature that share a third of it; the first one is rotated, and its limbs are a little bent."""
     bent, rest = creature(1100, seed=1, bend=0.15, asymmetry=0.3), creature(1000, seed=0, asymmetry=0.3)
     part = piece_of(bent, bent.directions @ [0.16, 0.14, -0.98] > -0.01)
     part = replace(part, surface=part.surface.with_vertices(part.surface.vertices @ TURN.T))
@@ -120,7 +120,7 @@ def test_registered_placements_keep_where_they_began(
     errors = fragments.errors(fitted.registered.closest.vertex[is_shared(fragments)], is_shared(fragments))
     assert np.median(errors) < 0.06
     np.testing.assert_array_equal(fitted.start, placements[0].positions)
-    # The part is turned back, so that what was up is not.
+    # The part is rotated back, so that what was up is not.
     assert fitted.scores[UPRIGHT] == pytest.approx(1 - max(np.diag(TURN)[1:]), abs=0.15)
 
 

@@ -195,7 +195,7 @@ def test_upright_option_prefers_maps_that_stay_upright() -> None:
         box.surface.with_vertices(box.directions * np.linalg.norm(box.surface.vertices, axis=1, keepdims=True))
         for box in (solid(BOX, 900, seed) for seed in (1, 2))
     )
-    aside = target.with_vertices(target.vertices[:, [1, 0, 2]] * [-1, 1, 1])  # turned by 90° about z
+    aside = target.with_vertices(target.vertices[:, [1, 0, 2]] * [-1, 1, 1])  # rotated by 90° about z
     result = zo.match(source, aside, **FEW)
     heights = aside.vertices[:, 2], result.surface_map.interpolate(source.vertices)[:, 2]
     assert np.corrcoef(*heights)[0, 1] > 0.9

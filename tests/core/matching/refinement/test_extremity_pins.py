@@ -20,8 +20,8 @@ from zoomout_core.samples.spheres import ball
 from zoomout_core.tuning import retune
 
 LEGS = 2, 3
-# The part of a leg that the map reaches.
-REACHED = 0.5
+# The parts of these legs that the map reaches.
+REACHED = 0.5, 0.5
 
 
 @pytest.fixture(autouse=True)
@@ -51,16 +51,16 @@ def true_maps() -> tuple[SurfaceMap, SurfaceMap]:
     return there, back
 
 
-def short_map(legs: tuple[int, ...] = LEGS) -> tuple[SurfaceMap, Booleans]:
-    """The map of the target's mesh whose images reach half of some legs, and (n_t,) the vertices of these."""
+def short_map(reached: tuple[float, ...] = REACHED) -> tuple[SurfaceMap, Booleans]:
+    """The map of the target's mesh whose images reach parts of some legs, and (n_t,) the vertices of these."""
     source, target = shapes()
     scale = np.abs(target.mesh.vertices).max() / np.abs(creature(2000, 1).surface.vertices).max()
     there, short = true_maps()[0].vertex.copy(), np.zeros(len(target.mesh.vertices), dtype=bool)
-    for leg in legs:
+    for leg, part in zip(LEGS, reached, strict=False):
         axis = LIMBS[leg] / np.linalg.norm(LIMBS[leg])
         along = target.mesh.vertices @ axis - BODY * scale
         here = (along > 0) & (np.linalg.norm(np.cross(target.mesh.vertices, axis), axis=1) < 0.6 * scale)
-        places = target.mesh.vertices[here] - (1 - REACHED) * along[here, None] * axis
+        places = target.mesh.vertices[here] - (1 - part) * along[here, None] * axis
         there[here] = np.linalg.norm(places[:, None] - source.mesh.vertices[None], axis=2).argmin(axis=1)
         short |= here
     found = SurfaceMap.from_vertices(there, creature(2000, 0).surface)
@@ -97,7 +97,15 @@ def test_map_of_a_shape_without_extremities_is_kept() -> None:
 
 
 def test_map_that_falls_short_of_a_single_tip_is_kept() -> None:
-    assert pin_extremities(short_map(LEGS[:1])[0], true_maps()[1], *shapes()) is None
+    assert pin_extremities(short_map(REACHED[:1])[0], true_maps()[1], *shapes()) is None
+
+
+def test_map_that_falls_far_short_of_one_tip_is_stretched_to_another_that_it_nearly_reaches() -> None:
+    assert pin_extremities(short_map((0.5, 0.85))[0], true_maps()[1], *shapes()) is not None
+
+
+def test_map_that_falls_slightly_short_of_two_tips_is_kept() -> None:
+    assert pin_extremities(short_map((0.8, 0.8))[0], true_maps()[1], *shapes()) is None
 
 
 def test_tip_that_neither_map_reaches_is_not_pinned() -> None:

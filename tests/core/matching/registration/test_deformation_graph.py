@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -261,6 +262,17 @@ def test_rigid_motion_stretches_nothing(shape: ShapeAnalysis) -> None:
     )
     bending.adapt_stretch()
     np.testing.assert_allclose(bending.stretch, np.tile(np.eye(3), (40, 1, 1)), atol=1e-9)
+
+
+def test_a_node_without_neighbours_does_not_stretch() -> None:
+    """As one that shares no vertices with others."""
+    joined = chain(3)
+    one, other, bond = np.array([0, 1]), np.array([1, 0]), np.ones(2)
+    nodes = replace(joined.nodes, first=one, second=other, bond=bond)
+    bending = replace(joined, nodes=nodes, images=1.4 * joined.images)
+    bending.adapt_stretch()
+    np.testing.assert_allclose(bending.stretch[2], np.eye(3))
+    assert bending.stretch[0, 0, 0] > 1.1
 
 
 def test_motion_does_not_depend_on_the_order_of_nodes() -> None:

@@ -176,3 +176,15 @@ def test_recognised_names_are_not_parsed_again(monkeypatch: pytest.MonkeyPatch) 
     found = zo.recognise_key_names(names)
     monkeypatch.setattr(key_names, "_join", None)
     assert zo.recognise_key_names(names) == found
+
+
+def test_the_convention_of_a_head_is_recognised_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    names = [f"recognisedOnce.{name}" for name in ARKIT]
+    first = zo.translate_key_names(names, "vrm1")
+
+    def fail(*_: object) -> None:
+        raise AssertionError("recognised again")
+
+    monkeypatch.setattr(key_names, "recognise_key_names", fail)
+    assert zo.translate_key_names(names, "vrm1") == first
+    assert zo.translate_key_names(list(names), "unified").sources == ("arkit",)

@@ -235,7 +235,7 @@ def test_map_errors_hardly_rotate_keys(source: Sheet, straight: Sheet, monkeypat
 def test_only_small_turns_of_similar_shapes_leave_keys_unrotated(
     angle: float, small: bool, source: Sheet, straight: Sheet, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    # A head whose forehead recedes further looks like one that is turned; turned much further, it is.
+    # A head whose forehead recedes further looks like one that is rotated; rotated much further, it is.
     turn = Rotation.from_rotvec([np.radians(angle), 0, 0]).as_matrix()
     target = with_positions(straight.surface, straight.surface.vertices @ turn.T)
     surface_map = true_map(source, *GRID, straight.parameters)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Poses turn each bone against its parent, about any joints, and the most different ones are played."""
+"""Poses rotate each bone against its parent, about any joints, and the most different ones are played."""
 
 from __future__ import annotations
 

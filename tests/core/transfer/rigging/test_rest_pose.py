@@ -8,11 +8,12 @@ from scipy.sparse import csr_array
 import zoomout_core as zo
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.geometry.procrustes import Similarities
+from zoomout_core.mesh.affine_maps import transform_points
 from zoomout_core.samples.spheres import ball
 from zoomout_core.transfer import map_target
 from zoomout_core.transfer.rigging.bone_fit import BONES, Pose
 from zoomout_core.transfer.rigging.rest_pose import REST, align, find_pose
-from zoomout_core.transfer.rigging.skinning import skinning_matrices, transform_points
+from zoomout_core.transfer.rigging.skinning import skinning_matrices
 from zoomout_core.tuning import retune
 
 SOFT = ((40, 0, 20), (30, 10, 0))

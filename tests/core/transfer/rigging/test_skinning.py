@@ -7,7 +7,8 @@ from scipy.sparse import csr_array
 from scipy.spatial.transform import Rotation
 
 from zoomout_core.geometry.procrustes import Similarities
-from zoomout_core.transfer.rigging.skinning import renumber_bones, skinning_matrices, transform_points
+from zoomout_core.mesh.affine_maps import transform_points
+from zoomout_core.transfer.rigging.skinning import renumber_bones, skinning_matrices
 
 BOTH = csr_array(np.array([[0.5, 0.5]]))
 

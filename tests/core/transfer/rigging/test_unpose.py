@@ -6,7 +6,8 @@ from bent_tube import bend, pose_surface, tube, weights_of
 from scipy.sparse import csr_array
 
 import zoomout_core as zo
-from zoomout_core.transfer.rigging.skinning import skinning_matrices, transform_points
+from zoomout_core.mesh.affine_maps import transform_points
+from zoomout_core.transfer.rigging.skinning import skinning_matrices
 from zoomout_core.transfer.rigging.unpose import UNPOSE, unpose
 from zoomout_core.tuning import retune
 

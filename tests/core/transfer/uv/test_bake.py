@@ -177,7 +177,7 @@ def test_several_pictures_are_baked_at_once_in_their_own_precision() -> None:
 @pytest.mark.parametrize("mirrored", [False, True])
 @pytest.mark.parametrize("relief", [False, True])
 def test_normals_keep_their_direction_on_the_surface(mirrored: bool, relief: bool) -> None:
-    """The target is turned in space, and its atlas is turned, and perhaps mirrored, beside the source's."""
+    """The target is rotated in space, and its atlas is rotated, and perhaps mirrored, beside the source's."""
     turn = Rotation.from_rotvec([0.4, -0.9, 0.3])
     tilted = np.array([0.36, -0.48, 0.8])
     image = np.tile(np.rint(255 * (tilted + 1) / 2).astype(np.uint8), (4, 4, 1))
