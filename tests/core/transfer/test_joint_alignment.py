@@ -9,7 +9,7 @@ from scipy.sparse import csr_array
 
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.samples.spheres import ball
-from zoomout_core.transfer.dressing.joint_alignment import JointPairs, align_joints
+from zoomout_core.transfer.dressing.joint_alignment import JOINT_ALIGNMENT, JointPairs, align_joints
 from zoomout_core.transfer.rigging.bone_pairs import Skeleton
 
 # A rod along z with joints in it.
@@ -85,6 +85,13 @@ def test_joints_that_are_off_across_the_bones_are_not_trusted() -> None:
     assert error(align(BODY.vertices, elsewhere)) < 0.01
     # Without a distance across the bones, the same joints would move the skin.
     assert error(align(BODY.vertices, HEADS + np.array([0, 0, 0.1]))) > 0.06
+
+
+def test_skin_slides_no_farther_than_a_bone_in_a_round() -> None:
+    lengths = np.linalg.norm(np.diff(HEADS, axis=0), axis=1)
+    found = align(BODY.vertices, HEADS + np.array([0, 0, 100]))
+    moved = np.linalg.norm(found - BODY.vertices, axis=1)
+    assert 0.1 < moved.max() < 1.1 * JOINT_ALIGNMENT.rounds * lengths.max()
 
 
 def test_few_bones_tell_nothing() -> None:

@@ -145,7 +145,8 @@ def _bones(body: Surface, shape: Floats, joints: JointPairs, unit: float) -> _Bo
     along = np.einsum("bex,bx->be", off, axis)
     across = np.linalg.norm(off - along[:, :, None] * axis[:, None], axis=2)
     tolerance = JOINT_ALIGNMENT.trust * float(np.median(across)) if across.size else 0.0
-    slides = np.sign(along) * np.maximum(np.abs(along) - tolerance, 0)
+    # A joint that is off by more than its bone is placed elsewhere in the other armature.
+    slides = np.sign(along) * np.clip(np.abs(along) - tolerance, 0, length[:, None])
     return _Bones(head, tail, places[head], axis, length, slides)
 
 
