@@ -10,8 +10,8 @@ from scipy.sparse import csr_array
 
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.assets.asset import Asset, Skin, to_rest
-from zoomout_core.assets.skeletons import make_unique, skeleton_of
-from zoomout_core.mesh.formats.gltf_document import library
+from zoomout_core.assets.skeletons import skeleton_of
+from zoomout_core.mesh.formats.gltf_document import free_name, library
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.messages import Message, message, plural
 from zoomout_core.transfer.mapped_target import MappedTarget
@@ -78,7 +78,8 @@ def _append(target: Asset, skin: Skin, added: list[str], placed: Floats, shared:
     frames, transforms = list(np.linalg.inv(skin.inverse_bind)), list(skin.transforms)
     for wanted, above, frame in zip(added, shared.parents.tolist(), placed, strict=True):
         local = np.linalg.solve(frames[above], frame)
-        name = make_unique(wanted, taken)
+        name = free_name(wanted, taken)
+        taken.add(name)
         parent = nodes[of_joint[above]]
         parent.children = [*(parent.children or []), len(nodes)]
         of_joint.append(len(nodes))

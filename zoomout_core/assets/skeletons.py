@@ -12,20 +12,16 @@ from zoomout_core.transfer.rigging.bone_pairs import Skeleton
 
 
 def skeleton_of(asset: Asset, joints: Integers, heads: Floats) -> Skeleton:
-    """Some joints of an asset, with places (b, 3) of all; a parent that is none of them is left out."""
+    """Bones for some joints of an asset, which has a skin.
+
+    Args:
+        asset: the asset, with b joints.
+        joints: (j,) the numbers of the chosen joints. A parent that is not among them is left out.
+        heads: (b, 3) positions of all joints.
+    """
     assert asset.skin is not None
     number = {joint: new for new, joint in enumerate(joints.tolist())}
     parents = np.array([number.get(above, -1) for above in asset.skin.parents[joints].tolist()], dtype=np.int64)
     avatar = read_avatar(asset.document)
     names = [asset.skin.names[joint] for joint in joints]
     return Skeleton(names, parents, heads[joints], None if avatar is None else avatar.humanoid)
-
-
-def make_unique(name: str, taken: set[str]) -> str:
-    """A name that is not taken; it is taken afterwards."""
-    found, copy = name, 1
-    while found in taken:
-        copy += 1
-        found = f"{name} {copy}"
-    taken.add(found)
-    return found

@@ -18,11 +18,12 @@ from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.assets.asset import Asset, Skin, to_rest
 from zoomout_core.assets.gltf.append import NewJoint
 from zoomout_core.assets.gltf.springs import Partner
-from zoomout_core.assets.skeletons import make_unique, skeleton_of
+from zoomout_core.assets.skeletons import skeleton_of
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.geometry.procrustes import Similarities, nearest_rotations
 from zoomout_core.maps.surface_map import interpolation_matrix
 from zoomout_core.mesh.affine_maps import normalise
+from zoomout_core.mesh.formats.gltf_document import free_name
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.messages import message, warning
 from zoomout_core.transfer.dressing.body_weights import WeightedBody, follow_weights
@@ -240,7 +241,8 @@ def _copy_joints(
             parent_node = int(target.skin.nodes[anchor])
             parent_world = of_target[parent_node]
         world[node] = np.block([[rotation, place[:, None]], [np.zeros((1, 3)), np.ones((1, 1))]])
-        name = make_unique(document.gltf.nodes[node].name or f"Joint {node}", taken)
+        name = free_name(document.gltf.nodes[node].name or f"Joint {node}", taken)
+        taken.add(name)
         axes = np.linalg.solve(world[node], exact)
         made.append(NewJoint(name, parent_node, np.linalg.solve(parent_world, world[node]), node, axes))
         numbers[node] = first + len(anchors)

@@ -45,8 +45,8 @@ def dress(
 
     If both are bound to one armature, they are fitted in its rest pose, and the copies are bound to it, too. If the
     target has a different armature, they are bound to that, which receives the outfit's own bones. Otherwise the copies
-    are children of the target in its present pose, and follow when it is bound to the source's armature. Earlier copies
-    of the same objects are replaced; the objects themselves are not changed.
+    are children of the target in its present pose, and follow when it is bound to the source's armature. Copies
+    from an earlier call are replaced, and the originals are not changed.
 
     Args:
         context: Blender's; all objects are in its scene.

@@ -24,7 +24,7 @@ from zoomout_core.assets.gltf.meshes import write_meshes
 from zoomout_core.assets.gltf.springs import Partner, copy_springs
 from zoomout_core.assets.gltf.write import extensions_in
 from zoomout_core.mesh.formats.glb import pack_glb
-from zoomout_core.mesh.formats.gltf_document import VRM_0, VRM_1, Buffer, Document, is_file, library
+from zoomout_core.mesh.formats.gltf_document import VRM_0, VRM_1, Buffer, Document, free_name, is_file, library
 from zoomout_core.mesh.formats.image_types import TEXTURE_EXTENSIONS, image_type
 from zoomout_core.messages import message
 from zoomout_core.runtime.version import package_version
@@ -198,12 +198,7 @@ class _Made:
 
     def free_name(self, table: str, name: str) -> str:
         """A name that no row of a table has."""
-        taken = {row.get("name") for row in self.rows(table)}
-        found, copy = name, 1
-        while found in taken:
-            copy += 1
-            found = f"{name} {copy}"
-        return found
+        return free_name(name, {row.get("name") for row in self.rows(table)})
 
     def declare_extensions(self, required: Sequence[str]) -> None:
         """Declare the extensions that occur, besides those that are declared already."""

@@ -86,11 +86,14 @@ def pin_extremities(
 
 
 def _pair(missed: Floats, missed_back: Floats) -> tuple[Integers, Booleans]:
-    """For each extremity of the target (m_t,) its partner on the source, and whether the two are surely partners.
+    """Pair the extremities of the target (m_t,) with those of the source (m_s,).
 
     Args:
         missed: (m_s, m_t) how far the map of the target ends from each extremity of the source.
         missed_back: (m_s, m_t) how far the map of the source ends from each extremity of the target.
+
+    Returns:
+        (m_t,) the partner of each extremity, and (m_t,) whether the pair is unambiguous.
     """
     better, worse = np.minimum(missed, missed_back), np.maximum(missed, missed_back)
     each, partner = np.arange(better.shape[1]), better.argmin(axis=0)

@@ -183,7 +183,7 @@ def repair(pair: Pair, surface_map: SurfaceMap, has_partner: Booleans | None = N
         at, beside = np.flatnonzero(moved), moved[meshes.edges].any(axis=1)  # all else is known from the last round
         images.replace_at(at, meshes.images_by(exchanged, at))
         length[beside] = _lengths(images.features, meshes.edges[beside])
-        found = _fill_torn(pair, meshes, exchanged, images, length, bases, branches)
+        found = _fill_torn(meshes, exchanged, images, length, bases, branches)
         surface_map, filled = found.surface_map, filled | found.filled
         connected = np.minimum(connected, found.connected)
         if not (bases.any() or found.torn.any()):
@@ -192,7 +192,6 @@ def repair(pair: Pair, surface_map: SurfaceMap, has_partner: Booleans | None = N
 
 
 def _fill_torn(
-    pair: Pair,
     meshes: _Meshes,
     surface_map: SurfaceMap,
     images: _Images,

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from copy import deepcopy
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -47,6 +47,15 @@ def library() -> Any:
     except ImportError as error:
         raise ImportError(f"Skins and materials of glTF need pygltflib: {install_hint('cli')}.") from error
     return pygltflib
+
+
+def free_name(name: str, taken: Collection[str | None]) -> str:
+    """A name that is not taken: the given one, or the same with the lowest number that makes it free."""
+    found, copy = name, 1
+    while found in taken:
+        copy += 1
+        found = f"{name} {copy}"
+    return found
 
 
 class Document:
