@@ -74,7 +74,7 @@ def simplify(
     layers: Sequence[Integers],
     counts: Sequence[int],
     mirror: Integers | None = None,
-    chart: Floats | None = None,
+    uv: Floats | None = None,
     charts: Integers | None = None,
     regions: Integers | None = None,
 ) -> list[tuple[Integers, Integers, Integers]]:
@@ -87,9 +87,9 @@ def simplify(
             the lines leave too many vertices, the last layers are ignored, and then `mirror`, see `DISTANCES`.
         counts: numbers of vertices of the results, the largest first.
         mirror: (n,) the mirror image of each vertex, -1 for none; images are treated alike.
-        chart: (m, 3, 2) texture coordinates, whose triangles are not turned over.
-        charts: (m, 3) numbers of the data that each corner keeps when it moves across a seam that is no line; those of
-            the first layer, when not given.
+        uv: (m, 3, 2) texture coordinates, whose triangles are not turned over.
+        charts: (m, 3) numbers of the data that each corner keeps when it moves across a seam that is not a line; those
+            of the first layer, when not given.
         regions: (m,) numbers of regions that do not vanish, such as eyes, the most important first, see `REGIONS`;
             none when not given.
 
@@ -97,11 +97,11 @@ def simplify(
         Three arrays for each count: (m',) the original triangle of each triangle of the result, (m', 3) an original
             corner at the vertex of each of its corners, and (m', 3) the original corner that each takes its data from.
             Corners are numbers in the flat list of all corners (3 m). The last two differ where a triangle reaches
-            across a seam of `charts` that is no line.
+            across a seam of `charts` that is not a line.
     """
     if charts is None:
         charts = layers[0] if len(layers) else np.zeros_like(triangles)
-    state = _State(poses, triangles, charts, mirror, chart, regions)
+    state = _State(poses, triangles, charts, mirror, uv, regions)
     fewer = max(len(layers) - 1, 0)
     steps = [(fewer, DISTANCES[0]), *((kept, DISTANCES[1]) for kept in range(fewer, -1, -1))]
     state.mirror_diagonals(layers)
@@ -147,7 +147,7 @@ class _State:
         triangles: Integers,
         charts: Integers,
         mirror: Integers | None,
-        chart: Floats | None,
+        uv: Floats | None,
         regions: Integers | None,
     ) -> None:
         centre = poses.mean(axis=1, keepdims=True)
@@ -163,13 +163,13 @@ class _State:
         self.corners = np.arange(triangles.size).reshape(-1, 3)[whole]
         self.content, self.charts = self.corners.copy(), charts
         self.mirror = None if mirror is None else mirror.copy()
-        self.chart = None if chart is None else chart.reshape(-1, 2)
+        self.uv = None if uv is None else uv.reshape(-1, 2)
         # The mesh at first, and the vertex that each vertex was merged into.
         self.first = self.triangles.copy(), self.corners.copy()
         self.into = np.arange(len(self.places))
 
     def guard_regions(self, count: int) -> None:
-        """Let only a number of regions, the most important ones, not vanish from now on."""
+        """Protect the first `count` regions, which are the most important ones, and no others, from vanishing."""
         self.spare = np.bincount(self.region)
         self.spare[:count] = np.maximum(self.spare[:count] - KEPT_TRIANGLES, 0)
         self.touched[:] = True  # as other collapses may be possible
@@ -230,9 +230,9 @@ class _State:
         flipped = flipped[quads.touch_once(flipped, len(self.triangles))]
         first, second = quads.triangles[flipped].T
         a, b, c, d = (quads.corners_of(self.corners, flipped)[:, place] for place in range(4))
-        if self.chart is not None:
-            areas = [_signed_areas(self.chart[np.stack(each, axis=1)]) for each in ((a, b, d), (b, c, d))]
-            before = _signed_areas(self.chart[np.stack((a, c, d), axis=1)])
+        if self.uv is not None:
+            areas = [_signed_areas(self.uv[np.stack(each, axis=1)]) for each in ((a, b, d), (b, c, d))]
+            before = _signed_areas(self.uv[np.stack((a, c, d), axis=1)])
             kept = (areas[0] * before > 0) & (areas[1] * before > 0)
             first, second, a, b, c, d = (each[kept] for each in (first, second, a, b, c, d))
         for triangle, corners in ((first, (a, b, d)), (second, (b, c, d))):
@@ -461,7 +461,7 @@ class _State:
         return chosen[~left_out]
 
     def _keeps_form(self, tail: Integers, head: Integers, around: Lists, edges: Edges) -> Booleans:
-        """Whether each collapse keeps topology and seams, and turns no triangle over, in the mesh or its chart."""
+        """Whether each collapse keeps topology and seams, and turns no triangle over, in the mesh or its UV map."""
         which, triangle = around.of(tail)
         rows = self.triangles[triangle]
         removed = (rows == head[which, None]).any(axis=1)
@@ -483,10 +483,10 @@ class _State:
         own = (self.corners[triangle] * at_tail).sum(axis=1)
         bad |= self._partners(tail, head, around, self.corners, self.wedge).find(which, self.wedge[own]) < 0
         bad |= self._folds(tail, head, which, triangle, after[:, 0], edges)
-        if self.chart is not None:
+        if self.uv is not None:
             content = self.content[triangle]
             moved = self._move_content(tail, head, around, which, content, at_tail)
-            bad |= _signed_areas(self.chart[content]) * _signed_areas(self.chart[moved]) < 0
+            bad |= _signed_areas(self.uv[content]) * _signed_areas(self.uv[moved]) < 0
         fits[which[bad]] = False
         return fits
 

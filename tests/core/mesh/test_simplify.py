@@ -54,7 +54,7 @@ def test_seams_are_kept_and_charts_are_not_flipped() -> None:
     side = (middle[:, 0] > 0.5).astype(int)  # two charts, with a seam in the middle
     layer = np.repeat(side[:, None], 3, axis=1)
     chart = points[triangles][:, :, :2] * [1, 1] + 2 * side[:, None, None]
-    _, corners, _ = simplify(points[None], triangles, [layer], [60], chart=chart)[0]
+    _, corners, _ = simplify(points[None], triangles, [layer], [60], uv=chart)[0]
     made, label = triangles.ravel()[corners], layer.ravel()[corners]
     assert (label == label[:, :1]).all()
     both = np.intersect1d(made[label[:, 0] == 0], made[label[:, 0] == 1])

@@ -88,7 +88,7 @@ def _first_bone(parents: Integers, bone: int, inside: Booleans) -> int:
 
 
 def _nearest_above(bone: int, parents: Integers, numbers: Integers, first: int) -> int:
-    """(b,) the number of the nearest bone above each that has a number; others have -1. Without any, the first."""
+    """The number of the nearest bone above a bone that has one (others have -1), or the first bone if none has."""
     above = int(parents[bone])
     while above >= 0 and numbers[above] < 0:
         above = int(parents[above])
