@@ -17,7 +17,6 @@ from zoomout_core.assets.asset import Asset, Skin
 from zoomout_core.assets.files import READERS, check_avatar, inputs_of, read_asset, write_asset
 from zoomout_core.assets.transfer_asset import KINDS, base_of, transfer_asset
 from zoomout_core.collection.shapes import content_key
-from zoomout_core.collection.tasks import write_whole
 from zoomout_core.collection.through_blender import carry_pair, read_item
 from zoomout_core.colors import place_colors
 from zoomout_core.drawing import encode_png
@@ -34,6 +33,7 @@ from zoomout_core.mesh.formats.files import read_surface
 from zoomout_core.mesh.formats.opening import existing, file_bytes
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.messages import NO_MEMORY, from_json, message, to_json, warning
+from zoomout_core.runtime.outputs import write_whole
 from zoomout_core.runtime.progress import portion, renaming
 from zoomout_core.runtime.version import package_version
 
@@ -301,8 +301,8 @@ def _transfer_through_blender(
         result.surface_map.save(map_file, confidence=result.confidence, **partners)
         kinds, moves = tuple(TRANSFERRED), carry is Carry.RIG
         with portion(MATCHED, 1):
-            notes = carry_pair(source, target if known else of_target, map_file, output, kinds, record, None, moves)
-    return result, None, [*result.notes, *notes]
+            found = carry_pair(source, target if known else of_target, map_file, output, kinds, record, None, moves)
+    return result, None, [*result.notes, *found.notes]
 
 
 def _stand_up(surface: Surface) -> Surface:
