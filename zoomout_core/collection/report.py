@@ -134,7 +134,7 @@ def page_of(
         rows="".join(_row(result, pair) for pair in rows),
         shown=_shown(len(rows), len(result.records)),
         cycles=_about_cycles(result.agreement),
-        received=_received(received or {}),
+        received=_transfers(received or {}),
         failures=_failures(result.failures),
     )
 
@@ -215,7 +215,7 @@ def _cells(values: Iterable[str]) -> str:
     return "".join(f"<td>{escape(value)}</td>" for value in values)
 
 
-def _received(received: Mapping[str, Carried]) -> str:
+def _transfers(received: Mapping[str, Carried]) -> str:
     """A table of the meshes with transferred data."""
     cells = [(name, " ".join(note_lines(each.notes))) for name, each in received.items()]
     return _section("Transferred", ("mesh", "notes"), cells)
