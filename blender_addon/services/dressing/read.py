@@ -90,7 +90,8 @@ class Fitting:
         worn: the worn objects.
         keys: the shape keys of the target that the copies follow; None for none.
         rigs: the armatures of both, if they differ and the copies are to be bound to the target's.
-        weights: the vertex groups of both and of the worn objects, if the copies are to be bound to it.
+        weights: the vertex groups of both and of the worn objects, if the copies are to be bound.
+        bones: names of the bones that move the target.
         active_keys: the shape keys of the source's bodies that are in use.
         notes: sentences for the user.
     """
@@ -102,6 +103,7 @@ class Fitting:
     keys: BodyKeys | None
     rigs: Rigs | None
     weights: GroupWeights | None
+    bones: tuple[str, ...]
     active_keys: list[ActiveKeys]
     notes: list[Message]
 
@@ -157,12 +159,13 @@ async def read_fitting(
                 target=target.name,
             )
         )
-    weights = None if rigs is None else read_group_weights(context, pair, worn)
+    weights = read_group_weights(context, pair, worn) if at_rest else None
+    bones = mesh_data.read_bones(target).names
     worn_too = [name in chosen for name in pair.source_names]
     is_body = np.repeat(~np.array(worn_too), [len(each.vertices) for each in pair.sources])
     bodies = [find_mesh(context, name) for name in pair.source_names if name not in chosen]
     active = [found for body in bodies if (found := _read_active_keys(body)) is not None]
-    return Fitting(surface, onto, is_body, worn, keys, rigs, weights, active, notes)
+    return Fitting(surface, onto, is_body, worn, keys, rigs, weights, bones, active, notes)
 
 
 def _read_active_keys(body: Object) -> ActiveKeys | None:
