@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -28,6 +29,19 @@ UV, COLOR = "uv", "color"
 
 # Characters that end a line, begin a comment or continue a line in OBJ files, and those that UTF-8 cannot store.
 UNSTORABLE = re.compile(r"[\x00-\x1f\x7f-\x9f#\\\ud800-\udfff]")
+
+
+def layers_of(attributes: Iterable[Attribute], kind: str) -> list[Attribute]:
+    """Texture coordinates or colours, `UV` or `COLOR`, in the order of their numbers: "uv 2" before "uv 10"."""
+    return sorted(
+        (each for each in attributes if each.name.startswith(f"{kind} ")), key=lambda each: by_number(each.name)
+    )
+
+
+def by_number(name: str) -> tuple[str, int]:
+    """A key that sorts names by the number at their end."""
+    text = name.rstrip("0123456789")
+    return text, int(name[len(text) :] or 0)
 
 
 @dataclass(frozen=True)

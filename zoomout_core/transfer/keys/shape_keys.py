@@ -75,8 +75,8 @@ def carry_offsets(attribute: Attribute, mapped: MappedTarget) -> Attribute:
 
     The source's vertices must be those before keys: the rest shape, if the source is posed after keys are applied.
     Offsets rotate and scale with the target's shape. Vertices where a key does not move the source stay exactly in
-    place. Where confidence is low, a key is interpolated from its surroundings. Loose parts that a key moves rigidly on
-    the source also move rigidly on the target.
+    place. Vertices without confidence follow their surroundings; those with little follow the map, as all others do.
+    Loose parts that a key moves rigidly on the source also move rigidly on the target.
     """
     offsets = without_noise(np.asarray(attribute.values), mapped.source.area)
     expressions = find_expressions(attribute)
@@ -99,10 +99,10 @@ def carry_offsets(attribute: Attribute, mapped: MappedTarget) -> Attribute:
     for_each(carry, range(0, offsets.shape[1], KEYS_AT_ONCE))
     open_blinks = () if expressions is None else close_lids(carried, attribute, frames)
     move_rigid_parts(carried, offsets, frames, other_person)
-    filled = int((carried.any(axis=(1, 2)) & doubtful).sum())
+    uncertain = int((carried.any(axis=(1, 2)) & doubtful).sum())
     notes = attribute.notes
-    if filled:
-        notes += (message("Shape keys were smoothed at {count:,} doubtful vertices.", count=filled),)
+    if uncertain:
+        notes += (message("Shape keys are uncertain at {count:,} doubtful vertices: check these.", count=uncertain),)
     if open_blinks:
         notes += (message("Eyelids close less than on the source: {keys}.", keys=", ".join(open_blinks)),)
     if has_joined_lips(attribute, mapped):
