@@ -63,9 +63,7 @@ def fit_worn(match: stored_match.Match, fitting: Fitting, dressing: Dressing) ->
     with portion(0, SHAPING):
         shape = shape_of_source(match, fitting.source, fitting.target)
     body, shape = _part(fitting.source, shape, fitting.is_body)
-    manners: list[Manner] = [
-        "rigid" if each.hangs_from_bone and dressing.manner == "automatic" else dressing.manner for each in fitting.worn
-    ]
+    manners = [_manner(each, dressing.manner) for each in fitting.worn]
     with portion(SHAPING, FITTED):
         if fitting.rigs is not None and fitting.weights is not None:
             shape = _align(shape, body, fitting, fitting.rigs, fitting.weights)
@@ -99,6 +97,15 @@ def fit_worn(match: stored_match.Match, fitting: Fitting, dressing: Dressing) ->
         vertices = tuple(points - off for points, off in zip(dressed.vertices, still, strict=True))
         dressed = replace(dressed, vertices=vertices)
     return replace(fit, dressed=dressed, keys=keys)
+
+
+def _manner(worn: Worn, chosen: Manner) -> Manner:
+    """How to fit an object, given the chosen manner."""
+    if chosen != "automatic":
+        return chosen
+    if worn.hangs_from_bone:
+        return "rigid"
+    return "hair" if worn.is_hair else "automatic"
 
 
 def _align(shape: Floats, body: zo.Surface, fitting: Fitting, rigs: Rigs, weights: GroupWeights) -> Floats:

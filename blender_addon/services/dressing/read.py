@@ -30,8 +30,9 @@ class Dressing:
     """How a target is dressed.
 
     Attributes:
-        manner: "automatic": small solid parts and children of bones rotate and scale as a whole, and all others follow
-            the body. "soft": all follow the body. "rigid": none do.
+        manner: "automatic": small solid parts and children of bones rotate and scale as a whole, objects named like
+            hair are hair, and all others follow the body. "soft": all follow the body. "rigid": none do. "hair": all
+            follow it near the skin only, and move as a whole farther away.
         stiffness: how far objects that follow the body keep their form, in [0, 1].
         gap: minimum distance from the skin of points that were outside of it, in scene units.
         keep: name of a vertex group of the objects; its connected patches move as a whole, see `zoomout_core.dress`.
