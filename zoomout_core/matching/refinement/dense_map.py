@@ -23,7 +23,6 @@ from zoomout_core.matching.registration.nonrigid_icp import Fit, fit_nonrigid
 from zoomout_core.runtime.progress import portion
 from zoomout_core.runtime.threads import side_by_side
 
-
 # The fraction of the progress after which the registrations in both directions are averaged.
 AVERAGING = 0.8
 
