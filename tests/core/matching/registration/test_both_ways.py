@@ -16,6 +16,7 @@ from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.registration import both_ways
 from zoomout_core.matching.registration.both_ways import MAX_DIFFERENCE, average_both_ways
+from zoomout_core.matching.registration.correspondences import Surroundings
 from zoomout_core.matching.registration.nonrigid_icp import Fit, fit_nonrigid
 from zoomout_core.mesh.surface import Surface
 
@@ -82,13 +83,23 @@ def test_mirrored_shapes_have_mirrored_means() -> None:
     np.testing.assert_allclose(images(mirrored), images(there), atol=2e-3)
 
 
-def test_mean_is_halfway_between_images() -> None:
+def test_similar_images_are_averaged_halfway(monkeypatch) -> None:
+    found: list[SurfaceMap] = []
+    inverse_by(monkeypatch, lambda inverse, gap: (found.append(inverse) or inverse, np.zeros_like(gap)))
+    averaged = average_both_ways(fit(), *shapes(), False)
+    ends = images(fit()), images(replace(fit(), surface_map=found[0]))
+    apart = np.linalg.norm(ends[1] - ends[0], axis=1)
+    close = fit().fits & (apart < MAX_DIFFERENCE / 4) & (apart > MAX_DIFFERENCE / 40)
+    assert close.mean() > 0.3
+    halfway = np.linalg.norm(averaged.positions - sum(ends) / 2, axis=1)
+    assert (halfway[close] < apart[close] / 10).all()
+
+
+def test_inverse_rejects_vertices_that_face_the_other_way() -> None:
     source, target = shapes()
-    averaged = average_both_ways(fit(), source, target, False)
-    ends = images(fit())
-    moved = np.linalg.norm(averaged.positions - ends, axis=1)[averaged.fits]
-    assert 0 < np.median(moved) < MAX_DIFFERENCE / 4
-    assert moved.max() < MAX_DIFFERENCE / 2
+    nearest = Surroundings.of(target).closest(source.mesh.vertices, -source.mesh.vertex_normals)
+    _, gap = both_ways._inverse_fit(nearest, source, target, False, 1.0)
+    assert np.isinf(gap).any()
 
 
 def test_rejected_vertices_keep_their_images() -> None:
