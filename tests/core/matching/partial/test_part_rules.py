@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Rules of partial matching: terms of the promise of a map, partners of places, and rival maps."""
+"""Rules of partial matching: terms of the cost of a map, partners of places, and rival maps."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from zoomout_core.matching.partial.part_candidates import (
     PartCandidate,
     _fit,
     _Found,
-    _promise,
+    _map_cost,
     _register,
     _search,
     part_candidates,
@@ -96,7 +96,7 @@ def test_distinct_assignments_are_apart_and_limited_in_number() -> None:
     assert distinct(many, whole) == list(range(SEARCH.kept))
 
 
-# --- promise of a map --------------------------------------------------------------------------------------
+# --- cost of a map -----------------------------------------------------------------------------------------
 
 
 def region_of(part: IncompleteShape, whole: IncompleteShape, unlike: Floats) -> Region:
@@ -118,19 +118,19 @@ def test_each_term_favours_the_true_map_over_its_mirror_image(lower: PartAndWhol
     lead, weight = [], getattr(PART_CANDIDATES, term)
     for tried in (0.0, weight):
         with retune(PART_CANDIDATES, **{term: tried}):
-            right, wrong = (_promise(m, lower.everywhere) for m in (lower.true_places(), at_mirror_images(lower)))
+            right, wrong = (_map_cost(m, lower.everywhere) for m in (lower.true_places(), at_mirror_images(lower)))
         lead.append(wrong - right)
     assert lead[1] > lead[0] + 0.1 * weight
 
 
 def test_bend_is_measured_in_small_surroundings(lower: PartAndWhole) -> None:
     none = dict.fromkeys(("facing", "distance", "unlikeness", "within"), 0.0)
-    promises = []
+    costs = []
     for width in (PART_CANDIDATES.surroundings, 1.2):
         with retune(PART_CANDIDATES, surroundings=width, **none | {"bend": 1.0}):
-            promises.append(_promise(lower.true_places(), lower.everywhere))
+            costs.append(_map_cost(lower.true_places(), lower.everywhere))
     # Limbs bend, so a single rotation leaves at least 1.2 times the error for the true map.
-    assert promises[0] < promises[1] - np.log(1.2)
+    assert costs[0] < costs[1] - np.log(1.2)
 
 
 @pytest.mark.parametrize(
@@ -140,21 +140,21 @@ def test_term_of_a_perfect_map_is_the_log_of_its_floor(lower: PartAndWhole, term
     every = np.arange(len(lower.whole.between))
     none = dict.fromkeys(("facing", "bend", "distance", "unlikeness", "within"), 0.0)
     with retune(PART_CANDIDATES, **none | {term: 1.0}):
-        promise = _promise(every, region_of(lower.whole, lower.whole, 1 - np.eye(len(every))))
-    assert promise == pytest.approx(np.log(floor), abs=1e-3)
+        cost = _map_cost(every, region_of(lower.whole, lower.whole, 1 - np.eye(len(every))))
+    assert cost == pytest.approx(np.log(floor), abs=1e-3)
 
 
 def test_cuts_excuse_only_longer_distances_on_the_part(lower: PartAndWhole) -> None:
     part, unlike = lower.part, unlikeness(lower.part, lower.whole)
 
     def gained(match: Integers, of: IncompleteShape, factor: float) -> float:
-        """Improvement of a promise by doubt, with lengths on the whole scaled by a factor."""
-        whole, promises = IncompleteShape(at_scale(lower.whole.shape, factor)), []
+        """Improvement of a cost by doubt, with lengths on the whole scaled by a factor."""
+        whole, costs = IncompleteShape(at_scale(lower.whole.shape, factor)), []
         for doubt in (SEARCH.doubt, 1.0):
             with retune(SEARCH, doubt=doubt):
                 known = unlike if of is part else np.zeros_like(whole.between)
-                promises.append(_promise(match, region_of(of, whole, known)))
-        return promises[1] - promises[0]
+                costs.append(_map_cost(match, region_of(of, whole, known)))
+        return costs[1] - costs[0]
 
     longer = gained(lower.true_places(), part, 0.7)
     assert longer > 0.02
@@ -166,19 +166,19 @@ def test_cuts_excuse_only_longer_distances_on_the_part(lower: PartAndWhole) -> N
 
 
 def candidates_of(monkeypatch: pytest.MonkeyPatch, pair: PartAndWhole, maps: list[Integers]) -> list[Integers]:
-    """Maps that remain for bending when the given maps are found, in descending order of promise."""
+    """Maps that remain for bending when the given maps are found, in ascending order of cost."""
 
     def registered(one: _Found | PartCandidate) -> PartCandidate:
         nothing: Any = None
         if isinstance(one, PartCandidate):
             return one
-        return PartCandidate(one.region, one.places, nothing, {"promise": one.promise, "fit": one.promise})
+        return PartCandidate(one.region, one.places, nothing, {"cost": one.cost, "fit": one.cost})
 
-    def promised(places: Integers, _: Region) -> float:
+    def cost_of(places: Integers, _: Region) -> float:
         return float(next(i for i, each in enumerate(maps) if each is places))
 
     monkeypatch.setattr(candidates_module, "_search", lambda *_: maps[::-1])
-    monkeypatch.setattr(candidates_module, "_promise", promised)
+    monkeypatch.setattr(candidates_module, "_map_cost", cost_of)
     monkeypatch.setattr(candidates_module, "_register", registered)
     with retune(PART_CANDIDATES, regions=0, registered=3, compared=3):
         result, reports = reports_of(lambda: part_candidates([pair.everywhere]))
@@ -188,7 +188,7 @@ def candidates_of(monkeypatch: pytest.MonkeyPatch, pair: PartAndWhole, maps: lis
     return [found.places for found in result]
 
 
-def test_most_promising_of_similar_maps_is_kept(lower: PartAndWhole, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_cheapest_of_similar_maps_is_kept(lower: PartAndWhole, monkeypatch: pytest.MonkeyPatch) -> None:
     right, other = lower.true_places(), at_mirror_images(lower)
     nearly, off = right.copy(), right.copy()
     some = np.random.default_rng(0).permutation(len(right))
@@ -200,7 +200,9 @@ def test_most_promising_of_similar_maps_is_kept(lower: PartAndWhole, monkeypatch
     assert [one is expected for one, expected in zip(found, (nearly, off, other), strict=True)] == [True] * 3
 
 
-def test_assignments_are_extended_by_promise_not_by_cost(lower: PartAndWhole, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_assignments_are_extended_by_the_cost_of_their_maps(
+    lower: PartAndWhole, monkeypatch: pytest.MonkeyPatch
+) -> None:
     few = LANDMARK_MAPS.landmarks
     worst = [np.full(few, number) for number in range(6)]
     right = lower.true_places()[:few]
@@ -214,16 +216,14 @@ def test_assignments_are_extended_by_promise_not_by_cost(lower: PartAndWhole, mo
     assert lower.whole.between[found, lower.true_places()].mean() < 0.1
 
 
-def test_given_map_is_registered_regardless_of_its_promise(
-    lower: PartAndWhole, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_given_map_is_registered_regardless_of_its_cost(lower: PartAndWhole, monkeypatch: pytest.MonkeyPatch) -> None:
     maps = [np.roll(lower.true_places(), shift) for shift in (0, 40, 80, 120)]
     monkeypatch.setattr(candidates_module, "_search", lambda *_: maps[:3])
     monkeypatch.setattr(
-        candidates_module, "_promise", lambda places, _: float(next(i for i, one in enumerate(maps) if one is places))
+        candidates_module, "_map_cost", lambda places, _: float(next(i for i, one in enumerate(maps) if one is places))
     )
     monkeypatch.setattr(
-        candidates_module, "_register", lambda one: SimpleNamespace(places=one.places, scores={"fit": one.promise})
+        candidates_module, "_register", lambda one: SimpleNamespace(places=one.places, scores={"fit": one.cost})
     )
     found = rough_candidates([lower.everywhere], [np.arange(3)], 2, given=[maps[3]])
     assert [one.places is each for one, each in zip(found, (maps[0], maps[1], maps[3]), strict=True)] == [True] * 3
@@ -456,21 +456,21 @@ def test_units_differ_where_one_shape_is_smaller_than_a_hand(lower: PartAndWhole
     assert units_differ(replace(pair, target_shape=at_scale(pair.target_shape, factor))) == differ
 
 
-def test_images_next_to_a_cut_do_not_count_in_the_promise(lower: PartAndWhole) -> None:
-    """Images next to a cut are ignored; the rest decides, and a smaller rest makes the promise worse."""
+def test_images_next_to_a_cut_do_not_count_in_the_cost(lower: PartAndWhole) -> None:
+    """Images next to a cut are ignored; the rest decides, and a smaller rest raises the cost."""
     part, places, unlike = lower.part, lower.true_places(), unlikeness(lower.part, lower.whole)
     astray = np.arange(len(places)) % 4 == 0
     wrong = np.where(astray, np.roll(places, 7), places)
     on_cut = np.isin(np.arange(len(lower.whole.between)), wrong[astray])
-    promises = []
+    costs = []
     for distance in (1.5 * PART_CANDIDATES.near_cut, 0.5 * PART_CANDIDATES.near_cut):
         whole = IncompleteShape(lower.whole.shape)
         whole.__dict__["cut_distance"] = np.where(on_cut, distance, 1.0)
         region = region_of(part, whole, unlike)
-        promises.append([_promise(each, region) for each in (places, wrong)])
+        costs.append([_map_cost(each, region) for each in (places, wrong)])
         with retune(PART_CANDIDATES, within=0.0):
-            promises[-1].append(_promise(wrong, region))
-    (_, unaware, _), (_, aware, without_share) = promises
+            costs[-1].append(_map_cost(wrong, region))
+    (_, unaware, _), (_, aware, without_share) = costs
     assert aware < unaware - 0.5
     assert without_share < aware - 0.1
 
