@@ -16,7 +16,8 @@ from typing import Any
 import click
 
 import zoomout_core as zo
-from benchmarks.golden.cases import CASES, Case
+from benchmarks.golden.case import Case
+from benchmarks.golden.cases import CASES
 from benchmarks.tables import Record, Tables
 
 THREADS = 1, 8
