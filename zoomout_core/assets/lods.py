@@ -24,7 +24,7 @@ from zoomout_core.assets.level import FITTED, Level, Poses, errors_of_level, mer
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.mirror_pairs import mirror_moves, mirror_pairs
-from zoomout_core.mesh.simplify import simplify
+from zoomout_core.mesh.simplification.simplify import simplify
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.mesh.triangles import area_normals, components, triangle_areas, unique_edges, unit_vectors
 from zoomout_core.messages import message
