@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.mesh.adjacency import find_sorted
 
 
 @dataclass(frozen=True)
@@ -41,10 +42,7 @@ class Costs:
 
     def find(self, key: Integers) -> Integers:
         """(k,) numbers of the edges with these keys, -1 for none."""
-        if not len(self.key):
-            return np.full(len(key), -1)
-        at = np.minimum(np.searchsorted(self.key, key), len(self.key) - 1)
-        return np.where(self.key[at] == key, at, -1)
+        return find_sorted(self.key, key)
 
 
 class Partners:
@@ -57,6 +55,5 @@ class Partners:
 
     def find(self, which: Integers, wedge: Integers) -> Integers:
         """(k,) the corner for each collapse and data, -1 for none."""
-        key = which * self.wedges + wedge
-        at = np.minimum(np.searchsorted(self.key, key), max(len(self.key) - 1, 0))
-        return np.where(self.key[at] == key, self.corner[at], -1) if len(self.key) else np.full(len(key), -1)
+        at = find_sorted(self.key, which * self.wedges + wedge)
+        return np.where(at >= 0, self.corner[at], -1) if len(self.key) else at
