@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zoomout_core.arrays import Floats, Integers
-from zoomout_core.mesh.formats.gltf_files import WIDTHS, GltfFile, data_of, read_gltf_file
+from zoomout_core.mesh.formats.gltf_files import GltfFile, data_of, read_gltf_file
+from zoomout_core.mesh.formats.gltf_tables import WIDTHS
 from zoomout_core.mesh.formats.image_types import TEXTURE_EXTENSIONS, image_type
 from zoomout_core.mesh.formats.opening import shown
 from zoomout_core.mesh.surface import MeshError
