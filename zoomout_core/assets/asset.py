@@ -204,7 +204,7 @@ def on_corners(attribute: Attribute, surface: Surface) -> Floats:
 
 
 def from_srgb(colors: Floats) -> Floats:
-    """Convert sRGB colours (n, 3) or (n, 4) to scene-linear ones; alpha stays."""
+    """Convert sRGB colours (n, 3) or (n, 4) to scene-linear ones; alpha is not changed."""
     values = np.array(colors, dtype=np.float64)
     rgb = np.clip(values[:, :3], 0, 1)
     values[:, :3] = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
@@ -212,9 +212,11 @@ def from_srgb(colors: Floats) -> Floats:
 
 
 def to_srgb(colors: Floats) -> Floats:
-    """The inverse of `from_srgb`, for colours (n, 3)."""
-    rgb = np.clip(np.asarray(colors, dtype=np.float64), 0, 1)
-    return np.where(rgb <= 0.0031308, 12.92 * rgb, 1.055 * rgb ** (1 / 2.4) - 0.055)
+    """The inverse of `from_srgb`."""
+    values = np.array(colors, dtype=np.float64)
+    rgb = np.clip(values[:, :3], 0, 1)
+    values[:, :3] = np.where(rgb <= 0.0031308, 12.92 * rgb, 1.055 * rgb ** (1 / 2.4) - 0.055)
+    return values
 
 
 def one_line(name: str) -> str:
