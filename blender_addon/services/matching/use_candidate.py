@@ -48,7 +48,7 @@ async def use_candidate_async(context: Context, target_name: str, place: int) ->
         pair, stored = await read_stored_match(context, target_name)
         result = await _result(context, pair, listing, place, stored)
         result = replace(result, notes=(note, *result.notes))
-        following = await previews.following(context, pair, result)
+        following = await previews.updated_preview(context, pair, result)
         with writing(context, pair) as (_, target):
             candidates.store_match(target.data, result, pair, stored.settings)
     if following is not None:
