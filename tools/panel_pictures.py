@@ -265,7 +265,7 @@ def pair(with_landmarks: bool = False, with_rig: bool = False) -> tuple[Object, 
         hero.modifiers.clear()
         hero.parent = None
         bpy.data.objects.remove(armature)
-    mend(hero)
+    collapse_crowded_edges(hero)
     for obj in (hero, scan):
         obj.data.shade_smooth()
     bpy.context.view_layer.update()
@@ -293,7 +293,7 @@ def set_landmarks(obj: Object, points: list[Vector], count: int) -> None:
         set_landmark(bpy.context.scene, obj, place, number, name)
 
 
-def mend(obj: Object) -> None:
+def collapse_crowded_edges(obj: Object) -> None:
     """Collapse edges with more than two faces, which the Skin modifier creates."""
     mesh = bmesh.new()
     mesh.from_mesh(obj.data)

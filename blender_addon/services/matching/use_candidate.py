@@ -65,10 +65,10 @@ async def _result(
     settings = stored.settings | {"initial": "auto", "from_last": False}
     settings.pop(stored_match.LANDMARKS, None)
     with portion(0, MATCHING):
-        anew = await match_pair(context, pair, **settings)
-    assert isinstance(anew, zo.MatchResult)  # an automatic start
-    found = candidates.list_candidates(anew, pair)
-    candidates.cache_result(found.key, anew)
+        rematched = await match_pair(context, pair, **settings)
+    assert isinstance(rematched, zo.MatchResult)  # an automatic start
+    found = candidates.list_candidates(rematched, pair)
+    candidates.cache_result(found.key, rematched)
     alike = candidates.most_similar(place, listing, found)
     with portion(MATCHING, 1):
         return await candidates.result_of(found, alike)
