@@ -276,7 +276,7 @@ def _unit_vector(left: ArrayLike) -> Floats:
 
 
 def isometry_errors(functional_map: Floats, eigenvalues: Floats) -> dict[str, float]:
-    """Errors that are zero for an isometry: commutativity and orthonormality, of the low block and the whole map."""
+    """Commutativity and orthonormality errors, zero for an isometry, of a map (k, k) and of its low block."""
     low = functional_map[:LOW, :LOW]
     return {
         "commutativity": commutativity_error(functional_map, eigenvalues, eigenvalues),

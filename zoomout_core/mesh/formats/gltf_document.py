@@ -226,7 +226,7 @@ class Document:
         return worlds, parent
 
     def in_order(self, parent: Integers) -> Iterator[int]:
-        """The nodes, each after its parent; the file was checked for nodes with several parents."""
+        """The numbers of nodes with parents (n,), each after its parent. No node has two: the file was checked."""
         waiting = [number for number in range(len(parent) - 1, -1, -1) if parent[number] < 0]
         while waiting:
             number = waiting.pop()
