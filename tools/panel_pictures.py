@@ -407,8 +407,8 @@ def picture(name: str, seen: str = SEEN) -> None:
     for each in view().regions:
         each.tag_redraw()
     bpy.ops.wm.redraw_timer(type="DRAW_WIN_SWAP", iterations=2)
-    told = ["-window", "root", "-crop", seen, "+repage", "+dither", "-colors", "256"]
-    subprocess.run(["import", *told, f"PNG8:{IMAGES / name}.png"], check=True)
+    options = ["-window", "root", "-crop", seen, "+repage", "+dither", "-colors", "256"]
+    subprocess.run(["import", *options, f"PNG8:{IMAGES / name}.png"], check=True)
 
 
 if __name__ == "__main__":
