@@ -74,7 +74,7 @@ def bend_onto_source(
     mirrored: bool,
     pins: Pins | None = None,
 ) -> tuple[Fit, Floats]:
-    """Register the target to the source, starting from a refined map; returns the fit and its functional map (k, k)."""
+    """Register the target to the source, starting from a refined map; returns the fit and its functional map."""
     fit = fit_nonrigid(refined, source, target, mirrored, pins)
     return fit, functional_map_by(fit.surface_map, source, target, functional_map.shape)
 
