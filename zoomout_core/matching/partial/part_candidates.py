@@ -63,6 +63,7 @@ class PartCandidate:
     registered: RegisteredPart  # the part, registered by it
     scores: dict[str, float]  # promise, those of the registered part, and its fit: the lowest is the most likely
     start: Floats | None = None  # (n, 3) the part's vertices by the rigid placement that it was registered from, if any
+    finished: RegisteredPart | None = None  # the part, registered with the nodes of a final map, if it was compared so
 
 
 class _Found(NamedTuple):

@@ -32,10 +32,14 @@ from zoomout_core.matching.partial.part_candidates import (
     rough_candidates,
 )
 from zoomout_core.matching.partial.part_match import (
+    CURVATURE,
+    CURVATURE_FLOOR,
     PART_MATCH,
     _candidate,
     _certainty,
+    _curvature_score,
     _on_part,
+    curvature_agreement,
     fit_part,
     match_part,
     places_of,
@@ -298,7 +302,7 @@ def test_up_axis_is_evidence_between_upright_fragments(
     monkeypatch.setattr(part_match, "part_candidates", lambda *_: [made])
     (one,) = match_part(surface_and_shapes(lower), upright=upright)
     expected = made.scores["fit"] + (0.6 * EVIDENCE_WEIGHTS[UPRIGHT] if upright else 0.0)
-    assert one.scores["total"] == pytest.approx(expected)
+    assert one.scores["total"] - _curvature_score(one.scores) == pytest.approx(expected)
 
 
 @pytest.mark.parametrize("is_everywhere", [True, False])
@@ -390,6 +394,71 @@ def test_candidate_maps_target_samples_to_true_source_samples(lower: PartAndWhol
     assert np.median(apart[on_part]) < 6
 
 
+# --- curvature of finished maps ------------------------------------------------------------------------------
+
+
+def test_curvature_agrees_along_the_true_map_only(lower: PartAndWhole, fitted: RegisteredPart) -> None:
+    wrong = register_part(at_mirror_images(lower), lower.part, lower.whole, PART_REGISTRATION.fine)
+    right, other = (curvature_agreement(one, lower.part.shape, lower.whole.shape) for one in (fitted, wrong))
+    assert right > 0.8
+    assert other < right - 0.2
+
+
+def test_curvature_beyond_a_cut_and_on_coarse_scales_does_not_count() -> None:
+    n = 40
+    here = np.random.default_rng(0).normal(size=(n, 2))
+    there = here.copy()
+    there[:, 0] *= -1  # the coarse scale
+    there[: n // 2, 1] *= -1
+    part, whole = (
+        SimpleNamespace(vertex_curvature=each, basis=SimpleNamespace(areas=np.ones(n))) for each in (here, there)
+    )
+    closest = SimpleNamespace(interpolate=lambda values: values)
+    registered: Any = SimpleNamespace(closest=closest, on_cut=np.arange(n) < n // 2)
+    assert curvature_agreement(registered, cast(Any, part), cast(Any, whole)) == pytest.approx(1)
+
+
+def test_candidates_are_ranked_by_the_curvature_of_their_finished_maps(
+    lower: PartAndWhole, fitted: RegisteredPart, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The second of two similar fits has the better curvature; a third is too far behind to be finished."""
+    lags = 0.0, 0.5 * PART_MATCH.finished_margin, 1.1 * PART_MATCH.finished_margin
+    maps = at_mirror_images(lower), lower.true_places(), np.roll(lower.true_places(), 40)
+    scores = [{"fit": -4.0 + lag, "extent": 1.0} for lag in lags]
+    made = [PartCandidate(lower.everywhere, *each) for each in zip(maps, [fitted] * 3, scores, strict=True)]
+    agreements = iter([0.5, 0.7, 0.85, 0.95])  # before and after the first is finished, and the second
+    monkeypatch.setattr(part_match, "part_candidates", lambda *_: made)
+    monkeypatch.setattr(part_match, "register_part", lambda *_: fitted)
+    monkeypatch.setattr(part_match, "curvature_agreement", lambda *_: next(agreements))
+    monkeypatch.setattr(part_match, "for_each", lambda work, items: [work(each) for each in items])
+    found = match_part(surface_and_shapes(lower))
+    assert [one.scores[CURVATURE] for one in found] == pytest.approx([0.9, 0.6, 0.6])
+    order = maps[1], maps[0], maps[2]
+    assert all(cast(Any, one.part_match).places is each for one, each in zip(found, order, strict=True))
+    assert [cast(Any, one.part_match).finished is fitted for one in found] == [True, True, False]
+    assert found[0].certainty > 0.9 > found[1].certainty
+    gain = np.log((0.4 + CURVATURE_FLOOR) / (0.1 + CURVATURE_FLOOR)) * PART_MATCH.curvature
+    lead = found[1].scores["total"] - found[0].scores["total"]
+    assert lead == pytest.approx(gain - lags[1])
+
+
+def test_a_finished_part_is_not_registered_again(
+    lower: PartAndWhole, fitted: RegisteredPart, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    one = candidate(lower.everywhere, lower.true_places())
+    finished = replace(one, part_match=replace(cast(PartCandidate, one.part_match), finished=fitted))
+    monkeypatch.setattr(part_match, "register_part", lambda *_: pytest.fail("registered again"))
+    assert fit_part(surface_and_shapes(lower), finished).fit.surface_map is fitted.closest
+
+
+@pytest.mark.parametrize(("agreement", "sign"), [(0.0, -1), (0.66, 0), (0.95, 1)])
+def test_certainty_of_a_place_rises_with_the_agreement_of_curvature(agreement: float, sign: int) -> None:
+    nowhere: Any = SimpleNamespace(is_everywhere=True)
+    one = candidate(nowhere, np.zeros(10, dtype=np.int64), -3.0)
+    compared = replace(one, scores=one.scores | {CURVATURE: agreement})
+    assert np.sign(round(_certainty(compared, [compared]) - _certainty(one, [one]), 6)) == sign
+
+
 # --- rivals and attempts ------------------------------------------------------------------------------------
 
 
@@ -416,15 +485,16 @@ def test_evidence_decides_between_places(lower: PartAndWhole, monkeypatch: pytes
     monkeypatch.setattr(part_match, "part_candidates", lambda *_: made)
     pair = surface_and_shapes(lower)
     first, second = match_part(pair)
-    assert first.part_match is made[1]
+    assert cast(PartCandidate, first.part_match).places is made[1].places
     assert first.certainty > 100 * second.certainty
 
     def against_the_first(_map: Floats, samples: Integers, _anchors: object) -> dict[str, float]:
         return {"axes": 100.0 * np.array_equal(samples, first.sample_map)}
 
     known = match_part(pair, against_the_first)
-    assert known[0].part_match is made[0]
-    assert known[1].scores["total"] == pytest.approx(first.scores["total"] + 100 * EVIDENCE_WEIGHTS["axes"])
+    assert cast(PartCandidate, known[0].part_match).places is made[0].places
+    totals = [one.scores["total"] - _curvature_score(one.scores) for one in (known[1], first)]
+    assert totals[0] == pytest.approx(totals[1] + 100 * EVIDENCE_WEIGHTS["axes"])
     # Evidence lowers a place against its rivals; the fit alone determines absolute certainty.
     assert known[1].certainty < 1e-9
     assert known[1].scores["fit"] == first.scores["fit"]
