@@ -1,5 +1,5 @@
 # Targets first set up what they need in .venv; nothing has to be installed by hand.
-# ARGS is handed on:  make test ARGS="-k laplacian"   make demo ARGS="--help"
+# ARGS is passed on:  make test ARGS="-k laplacian"   make demo ARGS="--help"
 # PYTHON names the interpreter to build .venv with:  make setup PYTHON=/path/to/python3.13
 
 BIN := .venv/bin
@@ -25,7 +25,7 @@ setup:  ## create or update .venv (done by the targets that need it, too)
 	exit 1
 
 test-core: EXTRAS := core
-test-core: setup  ## run the core's tests, which need no Blender: nothing of it is fetched (ARGS for pytest)
+test-core: setup  ## run the core's tests, without Blender (ARGS for pytest)
 	$(PYTEST) tests/core $(ARGS)
 
 test: setup  ## run the tests but the slow ones (ARGS for pytest)
@@ -38,7 +38,7 @@ test-all: setup  ## run all tests, the slow ones too, then the extension's in ea
 test-blender-versions: setup  ## install the extension into each version of Blender, and test it there (ARGS: some of them)
 	$(BIN)/python tools/blender_versions.py $(ARGS)
 
-mutants: setup  ## see which changes of the code the nearest tests notice: make mutants ARGS="zoomout_core/matching"
+mutants: setup  ## list small changes of the code that no test detects: make mutants ARGS="zoomout_core/matching"
 	$(BIN)/python tools/mutants.py $(ARGS)
 
 extension: EXTRAS := extension
@@ -56,13 +56,13 @@ release: setup  ## build and check the wheel, the source and the zips, in dist (
 page: setup  ## make the animation and the pictures of the extension's page, into dist/page
 	$(BIN)/python tools/extension_page.py $(ARGS)
 
-demo: setup  ## match two characters, transfer between them, and say where the results are
+demo: setup  ## match two characters, transfer between them, and print where the results are
 	$(BIN)/zoomout demo $(ARGS)
 
 demo-oldest: setup  ## run the demo in Blender 4.2 (Python 3.11), so that demo.blend opens there, too
 	$(BIN)/python tools/oldest_demo.py $(ARGS)
 
-fuzz: setup  ## hand broken files to every reader: make fuzz ARGS="--count 100000"
+fuzz: setup  ## pass broken files to every reader: make fuzz ARGS="--count 100000"
 	$(BIN)/python tools/fuzz.py $(ARGS)
 
 lint: setup  ## check format, style and types

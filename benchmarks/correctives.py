@@ -2,11 +2,13 @@
 """Pose-driven shape keys on other bodies, as Blender displays them, compared with the truth: the set `clothes`.
 
 Each key corrects linear blend skinning at a joint that bends, so that the source has the shape of dual quaternion
-skinning (Kavan et al. 2008). The same formula with the true weights and joints of the target is the truth.
+skinning (Kavan et al. 2008). The same formula with the true weights and joints of the target is the truth. Garments on
+the target get keys in *Dress*; for them, the truth has the author's refit and weights.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -17,7 +19,7 @@ from bpy.types import Object
 from scipy.sparse import csr_array
 from tqdm import tqdm
 
-from benchmarks.outfits.clothes import Body, Wardrobe, move
+from benchmarks.outfits.clothes import Body, Garment, Wardrobe, move
 from benchmarks.pictures import View, draw_views
 from benchmarks.tables import NOT_SHOWN, Record, Tables
 from blender_addon import api, jobs, mesh_data, registered
@@ -29,6 +31,7 @@ from zoomout_core.geometry.procrustes import Similarities
 from zoomout_core.mesh.affine_maps import transform_points
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.transfer import Attribute, Domain, Kind
+from zoomout_core.transfer.dressing.contact import SidedSurface
 from zoomout_core.transfer.rigging.poses import pose_of_turns
 from zoomout_core.transfer.rigging.skinning import skinning_matrices
 
@@ -51,7 +54,10 @@ OWN, OTHER_REST, MOVED, BOUND = "own rig", "own rig, T-pose", "moved rig", "boun
 # The pose of a body that is bound, by its number in the set.
 POSED = 1
 COPIED = "copied vectors"
+WITHOUT, OF_BODY, OF_BOTH = "inside without keys", "inside with the body's", "inside with both"
 SKIN = np.array([0.72, 0.6, 0.52])
+# Centimetres of cloth inside the skin that show.
+INSIDE = 0.1
 # Radius of the pictures' parts, as a share of the height.
 AROUND = 0.12
 
@@ -74,9 +80,12 @@ class _Case:
 def run(data: Path, pairs: int | None, pictures: Path | None = None) -> Tables:
     """Transfer driven keys to other bodies, bend their joints, and compare the displacements that keys add.
 
-    `rows`: for each way that the target gets its rig and each joint, the mean over all pairs of the error of the added
-    displacement, relative to the true one: 1 without the key. `copied vectors` interpolates offsets along the same map,
-    unrotated. `value` is the least value of the key in the pose, to which drivers should set 1.
+    `bodies`: for each way that the target gets its rig and each joint, the mean over all pairs of the error of the
+    added displacement, relative to the true one: 1 without the key. `copied vectors` interpolates offsets along the
+    same map, unrotated. `value` is the least value of the key in the pose, to which drivers should set 1.
+
+    `clothes`: the same error for garments on targets with their own rigs, all of a pair together, and the shares of
+    their vertices that are inside the bent skin: without keys, with the body's keys alone, and with those of both.
 
     Args:
         data: a folder with the set `clothes`.
@@ -84,32 +93,40 @@ def run(data: Path, pairs: int | None, pictures: Path | None = None) -> Tables:
         pictures: a folder for pictures of the bent joints, without and with keys.
     """
     if not (data / "clothes").is_dir():
-        return {"rows": []}
-    wardrobe, records = Wardrobe(data / "clothes"), list[Record]()
+        return {"bodies": [], "clothes": []}
+    wardrobe, records, of_clothes = Wardrobe(data / "clothes"), list[Record](), list[Record]()
     with registered():
         for names in tqdm(PAIRS[:pairs], leave=False):
             views = list[list[View]]()
             for way in (BOUND,) if names[0] == names[1] else (OWN, OTHER_REST, MOVED):
                 bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
-                source = _add_body("Source", wardrobe.body(names[0]))
-                _add_keys(source, wardrobe.body(names[0]))
+                body = wardrobe.body(names[0])
+                source = _add_body("Source", body)
+                _add_keys(source, body)
                 case = _make_target(wardrobe, names, way)
                 _transfer(source, case)
                 found, shown = _measure(case)
                 records += [record | {"pair": ", ".join(filter(None, names))} for record in found]
                 views += shown
+                if way == OWN:
+                    of_clothes += _measure_clothes(case, _dress(source, body, case, wardrobe.garments(*names[:2])))
             if pictures is not None:
                 draw_views(pictures / f"{' '.join(filter(None, names))}.png", views)
-    return {"rows": _rows(records), NOT_SHOWN: records}
+    shares = "error", WITHOUT, OF_BODY, OF_BOTH
+    tables = {
+        "bodies": _rows(records, ("rig", "joint"), (COPIED, "error")),
+        "clothes": _rows(of_clothes, ("joint",), shares),
+    }
+    return {**tables, NOT_SHOWN: records}
 
 
-def _rows(records: list[Record]) -> list[Record]:
-    """The means over all pairs, for each way and joint."""
+def _rows(records: list[Record], kinds: Sequence[str], measures: Sequence[str]) -> list[Record]:
+    """The means of some measures over all pairs, for each combination of some columns."""
     rows = []
-    for way, joint in dict.fromkeys((record["rig"], record["joint"]) for record in records):
-        chosen = [record for record in records if (record["rig"], record["joint"]) == (way, joint)]
-        row: Record = {"rig": way, "joint": joint, "pairs": len(chosen)}
-        row |= {name: float(np.mean([record[name] for record in chosen])) for name in (COPIED, "error")}
+    for kind in dict.fromkeys(tuple(record[name] for name in kinds) for record in records):
+        chosen = [record for record in records if tuple(record[name] for name in kinds) == kind]
+        row: Record = {**dict(zip(kinds, kind, strict=True)), "pairs": len(chosen)}
+        row |= {name: float(np.mean([record[name] for record in chosen])) for name in measures}
         rows.append(row | {"value": min(record["value"] for record in chosen)})
     return rows
 
@@ -144,7 +161,6 @@ def _add_mesh(name: str, surface: Surface) -> Object:
 
 def _add_body(name: str, body: Body) -> Object:
     """A body as an object, bound to an armature of its bones."""
-    obj = _add_mesh(name, body.surface)
     armature = bpy.data.objects.new(f"{name} Rig", bpy.data.armatures.new(name))
     bpy.context.scene.collection.objects.link(armature)
     select_only(armature)
@@ -155,8 +171,12 @@ def _add_body(name: str, body: Body) -> Object:
         bone.head, bone.tail = bones.heads[number].tolist(), bones.tails[number].tolist()
         bone.parent = made[bones.parents[number]] if bones.parents[number] >= 0 else None
     bpy.ops.object.mode_set(mode="OBJECT")
-    weights = Attribute("weights", Domain.POINT, Kind.WEIGHT, csr_array(body.weights), bones.names)
-    mesh_data.write_weights(obj, weights)
+    return _bind(_add_mesh(name, body.surface), body.weights, bones.names, armature)
+
+
+def _bind(obj: Object, weights: Floats, bones: tuple[str, ...], armature: Object) -> Object:
+    """Bind an object to an armature by weights (n, b) of its bones."""
+    mesh_data.write_weights(obj, Attribute("weights", Domain.POINT, Kind.WEIGHT, csr_array(weights), bones))
     obj.parent = armature
     obj.modifiers.new("Armature", "ARMATURE").object = armature
     bpy.context.view_layer.update()
@@ -173,13 +193,22 @@ def _turn(body: Body, joint: str) -> Floats:
 
 def _correct(body: Body, joint: str) -> tuple[Floats, Floats]:
     """(n, 3) displacements that a key adds to a body with a bent joint, and (n, 3) its offsets at rest."""
+    linear, added = _smoothing(body, joint, body.surface.vertices, body.weights)
+    return added, np.einsum("nxy,ny->nx", np.linalg.inv(linear[:, :, :3]), added)
+
+
+def _smoothing(body: Body, joint: str, points: Floats, weights: Floats) -> tuple[Floats, Floats]:
+    """Motion of points with weights (n, b) by a bent joint of a body.
+
+    Returns:
+        (n, 3, 4) matrices of linear blend skinning, and (n, 3) what dual quaternion skinning adds.
+    """
     bones, turns = body.bones, np.zeros((len(body.bones.names), 3))
     turns[bones.names.index(JOINTS[joint][0])] = _turn(body, joint)
-    pose, weights = pose_of_turns(turns, bones.heads, bones.parents), csr_array(body.weights)
+    pose = pose_of_turns(turns, bones.heads, bones.parents)
     transforms = Similarities(np.ones(len(pose)), pose[:, :, :3], pose[:, :, 3])
-    linear, smooth = (skinning_matrices(transforms, weights, preserve_volume=each) for each in (False, True))
-    added = transform_points(smooth, body.surface.vertices) - transform_points(linear, body.surface.vertices)
-    return added, np.einsum("nxy,ny->nx", np.linalg.inv(linear[:, :, :3]), added)
+    linear, smooth = (skinning_matrices(transforms, csr_array(weights), preserve_volume=each) for each in (False, True))
+    return linear, transform_points(smooth, points) - transform_points(linear, points)
 
 
 def _add_keys(obj: Object, body: Body) -> None:
@@ -222,14 +251,11 @@ def _measure(case: _Case) -> tuple[list[Record], list[list[View]]]:
         truth, _ = _correct(case.body, joint)
         mesh_data.turn_bones(armature, {bone: _turn(case.body, joint)})
         with_key = _read_display(case.target)
-        keys = case.target.data.shape_keys
-        value = keys.key_blocks[joint].value
-        for curve in keys.animation_data.drivers:
-            curve.mute = True
+        value = case.target.data.shape_keys.key_blocks[joint].value
+        _mute_drivers(case.target, True)
         copied, without = (_display(case.target, name) for name in (f"{COPIED} {joint}", ""))
         shapes = {"without": without, COPIED: copied, "with": with_key, "truth": without + truth}
-        for curve in keys.animation_data.drivers:
-            curve.mute = False
+        _mute_drivers(case.target, False)
         place = np.array(armature.matrix_world @ armature.pose.bones[bone].head)
         mesh_data.turn_bones(armature, {})
         added = {name: shapes[name] - shapes["without"] - truth for name in (COPIED, "with")}
@@ -240,6 +266,52 @@ def _measure(case: _Case) -> tuple[list[Record], list[list[View]]]:
         surface = case.body.surface
         views.append([_view(f"{joint}: {name}", surface.with_vertices(shape), place) for name, shape in shapes.items()])
     return records, views
+
+
+def _dress(source: Object, body: Body, case: _Case, garments: dict[str, Garment]) -> list[tuple[Object, Garment]]:
+    """Dress a target with garments that its source wears; returns the copies with their truth."""
+    (armature,) = mesh_data.armatures_of(source)
+    for name, garment in garments.items():
+        _bind(_add_mesh(name, garment.surface), garment.weights, body.bones.names, armature)
+    things = [bpy.data.objects[name] for name in garments]
+    made = api.dress(bpy.context, source, case.target, things, force=True)["objects"]
+    return [(bpy.data.objects[made[name]], garment) for name, garment in garments.items()]
+
+
+def _measure_clothes(case: _Case, worn: list[tuple[Object, Garment]]) -> list[Record]:
+    """Errors of garments at each joint, and how many of their vertices are inside the skin."""
+    records, (armature,) = list[Record](), mesh_data.armatures_of(case.target)
+    for joint, (bone, _, _) in JOINTS.items():
+        mesh_data.turn_bones(armature, {bone: _turn(case.body, joint)})
+        skin, shapes = _read_display(case.target), [_read_display(copy) for copy, _ in worn]
+        keys = [copy.data.shape_keys for copy, _ in worn]
+        values = [each.key_blocks[joint].value for each in keys if each is not None and joint in each.key_blocks]
+        _mute_drivers(case.target, True)
+        skin_without, without = _display(case.target, ""), [_read_display(copy) for copy, _ in worn]
+        _mute_drivers(case.target, False)
+        mesh_data.turn_bones(armature, {})
+        missed = moved = 0.0
+        for (_, garment), shape, before in zip(worn, shapes, without, strict=True):
+            areas = garment.surface.with_vertices(garment.refitted).vertex_areas
+            _, truth = _smoothing(case.body, joint, garment.refitted, garment.weights)
+            missed += areas @ ((shape - before - truth) ** 2).sum(axis=1)
+            moved += areas @ (truth**2).sum(axis=1)
+        record: Record = {"joint": joint, "error": float(np.sqrt(missed / moved)), "value": min(values)}
+        for name, body, clothes in (
+            (WITHOUT, skin_without, without),
+            (OF_BODY, skin, without),
+            (OF_BOTH, skin, shapes),
+        ):
+            height, _, known = SidedSurface(body, case.body.surface.triangles).sides(np.concatenate(clothes))
+            record[name] = float((known & (height < -INSIDE)).mean())
+        records.append(record)
+    return records
+
+
+def _mute_drivers(obj: Object, is_mute: bool) -> None:
+    """Turn the drivers of an object's shape keys off or on."""
+    for curve in obj.data.shape_keys.animation_data.drivers:
+        curve.mute = is_mute
 
 
 def _read_display(obj: Object) -> Floats:

@@ -18,7 +18,7 @@ PALENESS = 0.45
 # Number of nearest samples whose colours are blended, weighted by the inverse squared distance.
 BLENDED = 4
 # Asymmetry that is shown in red by default: a length over the square root of the area, and a share of weights. It is
-# the same for every check, so that colours improve as the mesh is mended.
+# the same for every check, so that colours improve as the mesh is repaired.
 RED_LENGTH, RED_WEIGHT = 0.01, 0.1
 
 

@@ -23,6 +23,7 @@ import numpy as np
 from meshlab_filter.catalogue import check_mesh
 from meshlab_filter.textures import Textures, save_images, texture_coordinates, texture_numbers
 from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.assets.asset import from_srgb, to_srgb
 from zoomout_core.mesh.named_parts import NamedParts, name_parts
 from zoomout_core.mesh.shapes import as_surface
 from zoomout_core.mesh.surface import MeshError, PointCloud, Surface
@@ -215,7 +216,7 @@ def _components(mesh: Mesh) -> dict[str, Attribute]:
         values = getattr(mesh, component.getter)()
         if not component.is_blank(values):
             if component.kind is Kind.COLOR:
-                values = _linear(values)
+                values = from_srgb(values)
             found[component.name] = Attribute(component.name, component.domain, component.kind, values)
     return found
 
@@ -392,7 +393,7 @@ def _value_columns(components: dict[str, Attribute], of: str) -> list[Column]:
     if f"{of}_scalar" in components:
         columns.append(("quality", "double", components[f"{of}_scalar"].values))
     if f"{of}_color" in components:
-        encoded = np.rint(255 * _encode(components[f"{of}_color"].values))
+        encoded = np.rint(255 * np.clip(to_srgb(components[f"{of}_color"].values), 0, 1))
         columns += [(name, "uchar", encoded[:, i]) for i, name in enumerate(("red", "green", "blue", "alpha"))]
     return columns
 
@@ -415,21 +416,3 @@ def _ply_element(name: str, columns: Sequence[Column]) -> tuple[list[str], bytes
         if values.ndim == 2:
             rows[f"{column} size"] = values.shape[1]
     return header, rows.tobytes()
-
-
-# --- colours ------------------------------------------------------------------------------------------------
-
-
-def _linear(color: Floats) -> Floats:
-    """(n, 4) convert MeshLab's sRGB colours to scene-linear ones; alpha is not changed."""
-    encoded, alpha = color[:, :3], color[:, 3:]
-    rgb = np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
-    return np.hstack([rgb, alpha])
-
-
-def _encode(color: Floats) -> Floats:
-    """The inverse of `_linear`, clamped to [0, 1]."""
-    color = np.clip(color, 0, 1)
-    linear, alpha = color[:, :3], color[:, 3:]
-    rgb = np.where(linear <= 0.0031308, linear * 12.92, 1.055 * linear ** (1 / 2.4) - 0.055)
-    return np.hstack([rgb, alpha])

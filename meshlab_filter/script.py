@@ -163,11 +163,11 @@ def _apply_native(ms: MeshSet, call: Call) -> dict[str, Any]:
     try:
         ms.apply_filter_script()
     except (pymeshlab.PyMeshLabException, RuntimeError) as error:
-        said = " ".join(str(error).split())
-        if said.startswith(UNKNOWN):
+        reason = " ".join(str(error).split())
+        if reason.startswith(UNKNOWN):
             raise MeshError(f"there is no filter '{call.name}' in MeshLab or this project: check the name.") from error
         raise MeshError(
-            f"MeshLab could not apply '{call.name}' ({said}): check its parameters and the mesh."
+            f"MeshLab could not apply '{call.name}' ({reason}): check its parameters and the mesh."
         ) from error
     finally:
         ms.clear_filter_script()

@@ -2,7 +2,7 @@
 """Create or update `.venv` on any machine that has Python, git and make.
 
 `make` runs this before every target, with the first Python 3.11 or 3.13 that it finds (Blender's wheels
-exist for these two only). It uses the standard library alone, and does what is needed of:
+exist for these two only). It uses the standard library alone, and takes these steps where they are needed:
 
 1. install the system packages that the wheels of Blender and MeshLab load (or name them, if it may not);
 2. create `.venv`, or replace one that is not usable;
@@ -305,8 +305,8 @@ def register_extension() -> None:
 def pip_install(*arguments: str) -> int:
     """Run pip in `.venv`, and return its exit status.
 
-    Modules are compiled when they are first imported: compiling all 7,900 takes 35 s, half of the set-up's work, while
-    the tests import 1,700.
+    Modules are compiled when they are first imported: compiling all 7,900 takes 35 s, half of the setup, while the
+    tests import 1,700.
     """
     pip = [str(ENVIRONMENT_PYTHON), "-m", "pip", "--no-input", "--disable-pip-version-check"]
     return run_logged([*pip, "install", "--no-compile", "--progress-bar", "off", *arguments])
@@ -318,13 +318,13 @@ def check_hosts() -> None:
         probe = subprocess.run([ENVIRONMENT_PYTHON, "-c", f"import {module}"], capture_output=True, text=True)
         if probe.returncode != 0:
             reason = (probe.stderr.strip().splitlines() or [f"exit status {probe.returncode}"])[-1]
-            sys.exit(f"{module} does not load ({reason}): mend that, or begin anew with `make clean`.")
+            sys.exit(f"{module} does not load ({reason}): fix that, or start again with `make clean`.")
 
 
 if __name__ == "__main__":
     try:
         main()
     except KeyboardInterrupt:
-        sys.exit("\nThe set-up was interrupted; the next make takes it up again.")
+        sys.exit("\nThe setup was interrupted: run make again to continue.")
     except (OSError, subprocess.CalledProcessError) as error:
-        sys.exit(f"The set-up of .venv failed ({error}): mend that and run make again.")
+        sys.exit(f"The setup of .venv failed ({error}): fix the cause and run make again.")

@@ -12,6 +12,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import bmesh
@@ -21,13 +22,14 @@ from bpy.types import Area, Object
 from mathutils import Vector
 
 import blender_addon
-from blender_addon.demo.character import build_character
+from blender_addon.demo.character import build_character, select_only
 from blender_addon.demo.target import clear_pose, posed_copy, remeshed, set_pose
 from blender_addon.mesh_data import nearest_surface_point
 from blender_addon.operators.base import activity
 from blender_addon.scene.landmarks import set_landmark
 from blender_addon.ui import panels
 from blender_addon.ui.panels.match import ZOOMOUT_PT_match
+from zoomout_core.samples.characters import write_samples
 
 IMAGES = Path(__file__).resolve().parent.parent / "docs" / "images"
 # The part of a window of 1600 x 1000 pixels that is kept: its right side, without the bars above and below.
@@ -204,6 +206,65 @@ def symmetry() -> Story:
     picture("panel_symmetry_check")
 
 
+def levels() -> Story:
+    """Levels of detail of a character, beside each other."""
+    hero, scan = pair(with_rig=True)
+    bpy.data.objects.remove(scan)
+    yield from begin(hero)
+    call(bpy.ops.zoomout.make_lods)
+    made = sorted(bpy.data.collections["Hero LODs"].objects, key=lambda level: level.name)
+    hero.hide_set(True)
+    hero.parent.hide_set(True)
+    for number, level in enumerate(made):
+        level.hide_set(False)
+        level.modifiers.clear()
+        level.location.x += 1.5 * number
+    overlay = view().spaces.active.overlay
+    overlay.show_wireframes, overlay.wireframe_opacity = True, 0.4
+    yield from begin(made[0])
+    scroll(bpy.ops.view2d.scroll_down, 40)
+    yield DRAWN
+    picture("panel_lods")
+
+
+def baking() -> Story:
+    """A scan with the character's texture in an atlas of its own, linked to it."""
+    hero, scan = pair()
+    show_color_grid(hero)
+    unwrap(scan, "Atlas")
+    yield from begin(scan, hero)
+    call(bpy.ops.zoomout.match)
+    bpy.context.scene.zoomout.bake_uv_map = "Atlas"
+    call(bpy.ops.zoomout.bake_textures)
+    call(bpy.ops.zoomout.keep_linked)
+    view().spaces.active.shading.color_type = "TEXTURE"
+    yield KNOWN
+    scroll(bpy.ops.view2d.scroll_down, 40)
+    yield DRAWN
+    picture("panel_bake")
+
+
+def library() -> Story:
+    """The source that fits a scan best, in a library of two characters."""
+    hero, scan = pair(with_rig=True)
+    with TemporaryDirectory() as folder:
+        write_samples(Path(folder) / "characters")
+        select_only(hero, hero.parent)
+        file = str(Path(folder) / "characters" / "Hero.glb")
+        bpy.ops.export_scene.gltf(filepath=file, use_selection=True, export_animations=False)
+        for obj in (hero, hero.parent):
+            obj.hide_set(True)
+        scan.location.x = 0
+        bpy.ops.wm.save_as_mainfile(filepath=str(Path(folder) / "scene.blend"))
+        bpy.context.scene.zoomout.library_folder = "//characters"
+        yield from begin(scan)
+        call(bpy.ops.zoomout.find_source)
+        yield KNOWN
+        region("UI").tag_redraw()
+        yield DRAWN  # the panel below slides down
+        picture("panel_library")
+
+
 # Each with the panels to open and to close.
 STORIES: dict[str, tuple[Callable[[], Story], set[str], set[str]]] = {
     "matching": (matching, set(), set()),
@@ -216,6 +277,9 @@ STORIES: dict[str, tuple[Callable[[], Story], set[str], set[str]]] = {
     "binding": (binding, {"ZOOMOUT_PT_binding_check"}, {"ZOOMOUT_PT_match", "ZOOMOUT_PT_transfer"}),
     "wrapping": (wrapping, {"ZOOMOUT_PT_wrap"}, {"ZOOMOUT_PT_match", "ZOOMOUT_PT_transfer"}),
     "dressing": (dressing, {"ZOOMOUT_PT_dress"}, {"ZOOMOUT_PT_match", "ZOOMOUT_PT_transfer"}),
+    "levels": (levels, {"ZOOMOUT_PT_lods"}, {"ZOOMOUT_PT_match"}),
+    "baking": (baking, {"ZOOMOUT_PT_bake", "ZOOMOUT_PT_live_link"}, {"ZOOMOUT_PT_match"}),
+    "library": (library, {"ZOOMOUT_PT_library"}, {"ZOOMOUT_PT_match", "ZOOMOUT_PT_transfer"}),
     "symmetry": (symmetry, {"ZOOMOUT_PT_symmetry"}, {"ZOOMOUT_PT_match", "ZOOMOUT_PT_transfer"}),
 }
 
@@ -265,7 +329,7 @@ def pair(with_landmarks: bool = False, with_rig: bool = False) -> tuple[Object, 
         hero.modifiers.clear()
         hero.parent = None
         bpy.data.objects.remove(armature)
-    mend(hero)
+    collapse_crowded_edges(hero)
     for obj in (hero, scan):
         obj.data.shade_smooth()
     bpy.context.view_layer.update()
@@ -293,7 +357,7 @@ def set_landmarks(obj: Object, points: list[Vector], count: int) -> None:
         set_landmark(bpy.context.scene, obj, place, number, name)
 
 
-def mend(obj: Object) -> None:
+def collapse_crowded_edges(obj: Object) -> None:
     """Collapse edges with more than two faces, which the Skin modifier creates."""
     mesh = bmesh.new()
     mesh.from_mesh(obj.data)
@@ -328,6 +392,29 @@ def garment(body: Object, name: str, low: float, high: float, off: float) -> Obj
     thick = worn.modifiers.new("Solidify", "SOLIDIFY")
     thick.thickness = 0.6 * off
     return worn
+
+
+def show_color_grid(obj: Object) -> None:
+    """Show one of Blender's test images on an object, by its UV map."""
+    image = bpy.data.images.new("Color Grid", 1024, 1024)
+    image.generated_type = "COLOR_GRID"
+    material = bpy.data.materials.new("Grid")
+    material.use_nodes = True
+    node = material.node_tree.nodes.new("ShaderNodeTexImage")
+    node.image = image
+    shader = next(each for each in material.node_tree.nodes if each.type == "BSDF_PRINCIPLED")
+    material.node_tree.links.new(node.outputs["Color"], shader.inputs["Base Color"])
+    obj.data.materials.append(material)
+
+
+def unwrap(obj: Object, name: str) -> None:
+    """Give an object a UV map, by *Smart UV Project*."""
+    obj.data.uv_layers.new(name=name)
+    select_only(obj)
+    bpy.ops.object.mode_set(mode="EDIT")
+    bpy.ops.mesh.select_all(action="SELECT")
+    bpy.ops.uv.smart_project(island_margin=0.005)
+    bpy.ops.object.mode_set(mode="OBJECT")
 
 
 def cut_below(obj: Object, height: float) -> None:
@@ -407,8 +494,8 @@ def picture(name: str, seen: str = SEEN) -> None:
     for each in view().regions:
         each.tag_redraw()
     bpy.ops.wm.redraw_timer(type="DRAW_WIN_SWAP", iterations=2)
-    told = ["-window", "root", "-crop", seen, "+repage", "+dither", "-colors", "256"]
-    subprocess.run(["import", *told, f"PNG8:{IMAGES / name}.png"], check=True)
+    options = ["-window", "root", "-crop", seen, "+repage", "+dither", "-colors", "256"]
+    subprocess.run(["import", *options, f"PNG8:{IMAGES / name}.png"], check=True)
 
 
 if __name__ == "__main__":

@@ -8,14 +8,14 @@ objective is convex, and each assignment Pi <- argmax <., K_target Pi K_source> 
 kernels become local and the map accurate. Descriptors, which the paper adds when there is no initial map, are
 left out.
 
-An assignment is cubic in the number of points, so it is solved on samples, and the remaining vertices take the
-partner that receives the same heat from the matched ones. The paper continues to finer scales, where the coarse match
-restricts assignments to small regions, up to a bijection of all vertices. That gains nothing
-on independently made meshes, whose densities differ: a bijection of all vertices in
-ten regions has twice the error of the samples' map (67e-3 for 33e-3, three pairs of people), since it shifts limbs to
-even out their numbers of vertices; one of three times as many farthest points, each among the 20 candidates that the
-samples match it with, has the same error in twice the time (28e-3, two pairs). What limits the method here is that
-farthest points of two shapes are not each other's images, besides starts that exchange limbs.
+An assignment is cubic in the number of points, so it is solved on samples, and the remaining vertices take the partner
+that receives the same heat from the matched ones. The paper continues to finer scales, where the coarse match restricts
+assignments to small regions, up to a bijection of all vertices. That gains nothing on independently made meshes, whose
+densities differ: a bijection of all vertices in ten regions has twice the error of the samples' map (67e-3 instead of
+33e-3, three pairs of people), since it shifts limbs to even out their numbers of vertices; one of three times as many
+farthest points, each among the 20 candidates that the samples match it with, has the same error in twice the time
+(28e-3, two pairs). The method is limited here by initial maps that exchange limbs, and because farthest points of two
+shapes do not correspond to each other.
 """
 
 from __future__ import annotations

@@ -16,7 +16,8 @@ from typing import Any
 import click
 
 import zoomout_core as zo
-from benchmarks.golden.cases import CASES, Case
+from benchmarks.golden.case import Case
+from benchmarks.golden.cases import CASES
 from benchmarks.tables import Record, Tables
 
 THREADS = 1, 8
@@ -55,9 +56,9 @@ def run(data: Path, only: Sequence[str], against: Path | None) -> Tables:
         records.append(record)
         compared = [] if against is None else _differences(record, earlier)
         differences += compared
-        said = ", ".join(row["field"] for row in compared)
-        said = f"  DIFFERS: {said}" if said else f"  {record[ERROR]}" if ERROR in record else ""
-        click.echo(f"{record[CASE]:<44} {record[COUNT]} threads {record[SECONDS]:7.2f} s{said}")
+        fields = ", ".join(row["field"] for row in compared)
+        outcome = f"  DIFFERS: {fields}" if fields else f"  {record[ERROR]}" if ERROR in record else ""
+        click.echo(f"{record[CASE]:<44} {record[COUNT]} threads {record[SECONDS]:7.2f} s{outcome}")
     return {
         "rows": _summary(records),
         "skipped": [{"skipped": case.name} for case in chosen if case not in present],

@@ -269,18 +269,18 @@ def _rank(row: Record, figure: str) -> float:
 
 def _sentences(about: Record, rows: Sequence[Record]) -> list[str]:
     """The measured sample of a list, and the protocol's own description of it."""
-    said = [f"*List*: {about['protocol']['protocol']}"] if "protocol" in about["protocol"] else []
+    listed = [f"*List*: {about['protocol']['protocol']}"] if "protocol" in about["protocol"] else []
     whole = all(row["pairs"] == row["of"] for row in rows if row["of"])
     measured = (
         f"All {about['pairs']} pairs of the list are measured."
         if whole
         else (
-            "Measured is a random sample of the list: "
+            "A random sample of the list is measured: "
             + ", ".join(f"{row['pairs']} of {row['of']} pairs {row['input']}" for row in rows if row["of"])
             + "."
         )
     )
-    return [*said, *([""] if said else []), measured]
+    return [*listed, *([""] if listed else []), measured]
 
 
 def _curves(records: Sequence[Record]) -> dict[str, Floats]:

@@ -23,6 +23,7 @@ from benchmarks.outfits.methods import BY_TRUE_MAP, WAYS, Fitted, bind_to_neares
 from benchmarks.stored import read_or_compute, storing
 from benchmarks.tables import NOT_SHOWN, Record, Tables
 from zoomout_core.arrays import Booleans, Floats
+from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.geometry.oriented_closest_points import OrientedSurface
 from zoomout_core.geometry.procrustes import procrustes
 from zoomout_core.mesh.surface import Surface
@@ -262,25 +263,35 @@ class Expected:
     def figures(self, found: Floats) -> dict[str, float]:
         """The figures of vertices (n, 3).
 
-        `error`: mean distance from the truth, in centimetres. `in skin`: percentage of places (vertices and centroids
-        of triangles) that are in the target's skin but not so in the truth or, if that is unknown, on the source; `was
-        in`: that are so there; `all in skin`: that are in the target's skin. `thickness`: median change of the distance
-        from the skin, in centimetres, at equal body size. `spread`: standard deviation of the logarithm of the ratio of
-        edge lengths. `stretched`: percentage of edges that grow by more than twice the body's growth. `torn`: faces
-        with an edge that grows by far more. `folds`: edges at which faces fold over.
+        `error`: mean distance of vertices from the truth, in centimetres. `off surface`: mean distance from its
+        surface, which is zero if the garment only slides along itself. `in skin`: percentage of places (vertices and
+        centroids of triangles) that are in the target's skin but not so in the truth or, if that is unknown, on the
+        source; `was in`: that are so there; `all in skin`: that are in the target's skin. `thickness`: median change of
+        the distance from the skin, in centimetres, at equal body size. `spread`: standard deviation of the logarithm of
+        the ratio of edge lengths. `stretched`: percentage of edges that grow by more than twice the body's growth.
+        `torn`: faces with an edge that grows by far more. `folds`: edges at which faces fold over.
         """
-        thing, truth = self._thing, self._truth
+        thing = self._thing
         off, near = self._distances(found), (self._was > 0) & (self._was < NEAR)
         stretch, _ = self._stretch(found)
         return {
-            "error": np.nan
-            if truth is None
-            else float(np.linalg.norm(found - truth, axis=1).mean() / self._centimetre),
+            "error": np.nan if self._truth is None else self._mean_distance(found, self._truth),
+            "off surface": np.nan if self._truth is None else self._mean_distance(found, self._on_truth(found)),
             **self.in_pose(found),
             "thickness": float(np.median(np.abs(off - self._was)[near])) if near.any() else np.nan,
             "spread": float(np.log(stretch).std()),
             "folds": float((_folds(thing, found) & ~_folds(thing, thing.vertices)).sum()),
         }
+
+    def _mean_distance(self, found: Floats, others: Floats) -> float:
+        """The mean distance of vertices (n, 3) from others (n, 3), in centimetres."""
+        return float(np.linalg.norm(found - others, axis=1).mean() / self._centimetre)
+
+    def _on_truth(self, found: Floats) -> Floats:
+        """(n, 3) the points of the true surface closest to vertices (n, 3)."""
+        assert self._truth is not None
+        triangle, weights = closest_points(found, self._truth, self._thing.triangles)
+        return np.asarray(np.einsum("nc,ncx->nx", weights, self._truth[self._thing.triangles[triangle]]))
 
     def in_pose(self, found: Floats) -> dict[str, float]:
         """Those of the figures that a pose may change."""

@@ -23,6 +23,8 @@ OTHERS = ("faust_r/tr_reg_025", "faust_r/tr_reg_041", "shrec19_r/11", "shrec19_r
 BODY = "body"
 # Parts inside the head, in cavities of the skin.
 WITHIN = "high-poly", "teeth_base"
+# Hair whose name does not show it.
+HAIR = "long01", "afro01", "short03", "short04"
 SAME, OTHER = "same outfit", "other body"
 STRICT, LOOSE, REMESHED, RAISED = "strict build", "other build", "other topology", "T-pose"
 KINDS = STRICT, LOOSE, REMESHED, RAISED, SAME, OTHER

@@ -13,15 +13,17 @@ from bpy.types import Object
 from scipy.sparse import csr_array
 
 import zoomout_core as zo
-from benchmarks.outfits.cases import Case
+from benchmarks.outfits.cases import HAIR, Case
 from zoomout_core.arrays import Floats
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.geometry.procrustes import procrustes
 from zoomout_core.mesh.affine_maps import normalise
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import unit_vectors
+from zoomout_core.outfits.parts import is_hair
 from zoomout_core.transfer import (
     JointPairs,
+    Manner,
     PosedBody,
     Skeleton,
     WeightedBody,
@@ -62,7 +64,8 @@ def dress(case: Case, shape: Floats, stiffness: float = 0.5, align: bool = True)
     things = list(case.things.values())
     if align:
         shape = _align(case, shape)
-    dressed = carry(case.source, shape, case.target, things, stiffness=stiffness)
+    manners: list[Manner] = ["hair" if name in HAIR or is_hair(name, ()) else "automatic" for name in case.things]
+    dressed = carry(case.source, shape, case.target, things, manners=manners, stiffness=stiffness)
     if case.body is None:
         return Fitted(list(dressed.vertices))
     assert case.weights is not None

@@ -19,47 +19,47 @@ SYMMETRIES_OF_VASE = 3
 
 
 def refinement(tables: Tables) -> list[str]:
-    said = []
+    sentences = []
     for rows in _by("set", tables.get("rows", []) + tables.get("not isometric", [])):
         start, given = rows[0], [row for row in rows if _is_refined(row)]
         others = [row for row in given if row["method"] != "ZoomOut"]
-        said.append(
+        sentences.append(
             f"{start['set']}, from an initial mean of {_n(start['mean'])}: the smallest mean is "
             f"{_best(given, 'mean')}, and the smallest median {_best(given, 'median')}. ZoomOut fails on "
             f"{_n(_of(rows, 'ZoomOut')['failed %'])} % of the pairs, the others on {_range(others, 'failed %')} %."
             f"{_ours(rows)}"
         )
-    return said + _times_as_fast(tables.get("rows", []), "BCICP", ("ZoomOut", "ZoomOut*"))
+    return sentences + _times_as_fast(tables.get("rows", []), "BCICP", ("ZoomOut", "ZoomOut*"))
 
 
 def step_size(tables: Tables) -> list[str]:
     steps = [row for row in tables["rows"] if row["step"].isdecimal()]
     small = [row for row in steps if int(row["step"]) <= LARGEST_EQUAL_STEP]
     large = [row for row in steps if int(row["step"]) > LARGEST_EQUAL_STEP]
-    said = [f"Steps of up to {LARGEST_EQUAL_STEP} end with mean errors of {_range(small, 'mean error')}."]
+    sentences = [f"Steps of up to {LARGEST_EQUAL_STEP} end with mean errors of {_range(small, 'mean error')}."]
     if large:
-        said.append(f"Larger ones end with {_range(large, 'mean error')}.")
-    return said
+        sentences.append(f"Larger ones end with {_range(large, 'mean error')}.")
+    return sentences
 
 
 def initial_size(tables: Tables) -> list[str]:
     rows = tables["rows"]
     first = min(n for n in range(len(rows)) if all(row["right"] == rows[-1]["right"] for row in rows[n:]))
-    said = [
+    sentences = [
         f"From a size of {rows[first]['size']} on, {rows[first]['right']} of {rows[first]['pairs']} pairs end right, "
         f"with mean errors of {_range(rows[first:], 'mean error')}."
     ]
     if first:
-        said.append(f"From smaller starts, {_range(rows[:first], 'right')} do.")
+        sentences.append(f"From smaller starts, {_range(rows[:first], 'right')} do.")
     noise = tables.get("noise", [])
     if noise:
         counts = [f"{row['converged']} of {row['draws']} with noise of {_n(row['noise'])}" for row in noise]
-        said.append(f"Of noisy true maps, {_and(counts)} end right.")
-    return said
+        sentences.append(f"Of noisy true maps, {_and(counts)} end right.")
+    return sentences
 
 
 def overfitting(tables: Tables) -> list[str]:
-    said = []
+    sentences = []
     for name, what in (
         ("fitted", "The mean error of fitted maps"),
         ("ZoomOut from 20", "That of ZoomOut from the map of size 20"),
@@ -69,11 +69,11 @@ def overfitting(tables: Tables) -> list[str]:
         if known:
             best = min(known, key=lambda row: row[f"{name}: mean"])
             first, last = known[0], known[-1]
-            said.append(
+            sentences.append(
                 f"{what} is {_n(first[f'{name}: mean'])} at size {first['size']}, {_n(best[f'{name}: mean'])} at best "
                 f"(size {best['size']}), and {_n(last[f'{name}: mean'])} at size {last['size']}."
             )
-    return said
+    return sentences
 
 
 def signs(tables: Tables) -> list[str]:
@@ -88,52 +88,52 @@ def signs(tables: Tables) -> list[str]:
 
 
 def symmetry(tables: Tables) -> list[str]:
-    said = []
+    sentences = []
     for rows in _by("set", tables.get("rows", [])):
         found, truth = rows[0], rows[1] if len(rows) > 1 else None
-        said.append(
+        sentences.append(
             f"{found['set']}: `{found['method']}` is right on {_n(found['success %'])} % of {found['shapes']} shapes, "
             f"with a mean error of {_n(found['mean'])}"
             + (f"; {truth['method']}, has one of {_n(truth['mean'])}." if truth and truth["mean"] else ".")
         )
     refined = [row for row in tables.get("refined", []) if row.get("mean") is not None]
     if refined:
-        said.append(
+        sentences.append(
             "Refined from the same start, mean and median errors are "
             + _and([f"{_n(row['mean'])} and {_n(row['median'])} ({row['method']})" for row in refined])
             + "."
         )
-        said += _times_as_fast(refined, "OrientRev + BCICP", ("OrientRev + ZoomOut", "OrientRev + ZoomOut*"))
-    return said
+        sentences += _times_as_fast(refined, "OrientRev + BCICP", ("OrientRev + ZoomOut", "OrientRev + ZoomOut*"))
+    return sentences
 
 
 def large(tables: Tables) -> list[str]:
-    said = []
+    sentences = []
     for rows in _by("vertices", tables["rows"]):
         given = [row for row in rows if _is_refined(row)]
         ours = _of(rows, OURS)
-        said.append(
+        sentences.append(
             f"At {rows[0]['vertices']} vertices, from an initial mean of {_n(rows[0]['mean error'])}, the smallest "
             f"mean error is {_best(given, 'mean error')}, and the largest {_best(given, 'mean error', max)}. `{OURS}` "
             f"has {_n(ours['mean error'])}."
         )
-    return said
+    return sentences
 
 
 def downsampled(tables: Tables) -> list[str]:
     every = next((row for row in tables["rows"] if row["method"] == "ZoomOut on all vertices"), None)
-    said = [] if every is None else [f"ZoomOut on all vertices has a mean error of {_n(every['mean error'])}."]
+    sentences = [] if every is None else [f"ZoomOut on all vertices has a mean error of {_n(every['mean error'])}."]
     for rows in _by("method", [row for row in tables["rows"] if row is not every and row["method"] != "initial"]):
         errors = _and([f"{_n(row['mean error'])} on {row['vertices']}" for row in rows])
-        said.append(f"{rows[0]['method'][0].upper()}{rows[0]['method'][1:]}: {errors}.")
-    return said
+        sentences.append(f"{rows[0]['method'][0].upper()}{rows[0]['method'][1:]}: {errors}.")
+    return sentences
 
 
 def point_clouds(tables: Tables) -> list[str]:
-    said = []
+    sentences = []
     for rows in _by("set", tables["rows"]):
         given = [row for row in rows if _is_refined(row)]
-        said.append(
+        sentences.append(
             f"{rows[0]['set']}, from an initial mean of {_n(rows[0]['mean error'])}: the smallest mean is "
             f"{_best(given, 'mean error')}."
         )
@@ -141,11 +141,11 @@ def point_clouds(tables: Tables) -> list[str]:
         pairs, right, sure, wrong = (
             sum(row[column] for row in rows) for column in ("pairs", "right", "certain", "certain and wrong")
         )
-        said.append(
+        sentences.append(
             f"On {rows[0]['set']}, `{OURS}` is right on {right} of {pairs} pairs. It is certain of {sure} maps; wrong "
             f"among these: {wrong}."
         )
-    return said
+    return sentences
 
 
 def discretisation(tables: Tables) -> list[str]:
@@ -161,26 +161,26 @@ def discretisation(tables: Tables) -> list[str]:
 def clutter(tables: Tables) -> list[str]:
     given = [row for row in tables["rows"] if not row["method"].startswith((OURS, "initial", "PFM"))]
     alone = [row for row in tables["rows"] if row["method"].startswith((OURS, "PFM"))]
-    said = [
+    sentences = [
         f"From the given matches, the smallest mean error is {_best(given, 'mean')}, and the largest part of the "
         f"object that is covered {_best(given, 'covered %', max, ' %')}."
     ]
     if alone:
         errors = _and([f"{_n(row['mean'])} ({row['method'].split(',')[0]})" for row in alone])
-        said.append(f"Without them, mean errors are {errors}.")
-    return said
+        sentences.append(f"Without them, mean errors are {errors}.")
+    return sentences
 
 
 def partial(tables: Tables) -> list[str]:
-    said = []
+    sentences = []
     for rows in _by("set", tables["rows"]):
         order = sorted((row for row in rows if row["method"] != "initial"), key=lambda row: -row["right %"])
-        said.append(
+        sentences.append(
             f"{rows[0]['set'].capitalize()}: right pairs in %, with the number of pairs that a method is measured on: "
             + ", ".join(f"{row['method']} {_n(row['right %'])} ({row['pairs']})" for row in order)
             + "."
         )
-    return said
+    return sentences
 
 
 # --- parts of sentences -------------------------------------------------------------------------------------------
@@ -196,7 +196,7 @@ def _ours(rows: Sequence[Record]) -> str:
 
 def _times_as_fast(rows: Sequence[Record], slow: str, fast: Sequence[str]) -> list[str]:
     """How many times as fast as one method others are, over the sets."""
-    said = []
+    sentences = []
     for name in fast:
         ratios = [
             _of(of_set, slow)["seconds"] / _of(of_set, name)["seconds"]
@@ -204,8 +204,8 @@ def _times_as_fast(rows: Sequence[Record], slow: str, fast: Sequence[str]) -> li
             if {slow, name} <= {row["method"] for row in of_set}
         ]
         if ratios:
-            said.append(f"{name} is {_span(ratios)} times as fast as {slow}.")
-    return said
+            sentences.append(f"{name} is {_span(ratios)} times as fast as {slow}.")
+    return sentences
 
 
 def _is_refined(row: Record) -> bool:

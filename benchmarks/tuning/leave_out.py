@@ -21,7 +21,7 @@ from tqdm import tqdm
 
 import zoomout_core as zo
 from benchmarks.datasets import PARTS, PairOfParts, evenly, part_names
-from benchmarks.golden import cases as made
+from benchmarks.golden import shapes as made
 from benchmarks.paper.partial import ANOTHER_UNIT
 from benchmarks.tables import Record, Tables
 from zoomout_core.arrays import Floats

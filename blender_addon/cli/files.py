@@ -158,8 +158,8 @@ def faces(context: Context, options: argparse.Namespace) -> dict[str, Any]:
             entries[name]["intersecting_by_keys"] = found.intersecting[name]
     if options.key_names:
         for name in outcome.done:
-            said = rename_shape_keys(context, context.scene.objects[name], options.key_names)
-            entries[name]["notes"] = [*entries[name]["notes"], said]
+            note = rename_shape_keys(context, context.scene.objects[name], options.key_names)
+            entries[name]["notes"] = [*entries[name]["notes"], note]
     return entries
 
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Find a source for the active mesh in libraries, and append it.
 
-Property annotations are read by Blender as they are, so this module does without postponed evaluation.
+Blender needs evaluated property annotations, so this module does not postpone them.
 """
 
 from bpy.props import StringProperty

@@ -30,10 +30,11 @@ class DressOptions:
                 "AUTOMATIC",
                 "Automatic",
                 "Keep small solid parts, such as eyes, teeth and buttons, and objects parented to a bone rigid; "
-                "deform everything else with the body",
+                "treat objects named like hair as hair; deform everything else with the body",
             ),
             ("SOFT", "Soft", "Deform everything with the body"),
             ("RIGID", "Rigid", "Rotate and scale each object as a whole"),
+            ("HAIR", "Hair", "Deform the objects with the body near its skin only; farther away, they move as a whole"),
         ),
         default="AUTOMATIC",
         options=ONCE,

@@ -17,7 +17,6 @@ import numpy as np
 from bpy.types import Context, Object
 
 import zoomout_core as zo
-from zoomout_core.arrays import Floats
 from zoomout_core.assets.asset import to_srgb
 from zoomout_core.messages import message, plural
 from zoomout_core.runtime.progress import portion, stage
@@ -195,17 +194,12 @@ def _link_layer(target: Object, layer: Layer, picks: Picks, mapped: MappedTarget
     name, domain = layer.attribute.name, layer.attribute.domain
     written = mesh_data.read_layer(target.data, name, layer.role).attribute
     if layer.data_type == "BYTE_COLOR":
-        linked = are_mixed(picks, layer.attribute, written, HALF_BYTE_STEP, _as_srgb)
+        linked = are_mixed(picks, layer.attribute, written, HALF_BYTE_STEP, to_srgb)
     else:
         linked = are_mixed(picks, layer.attribute, written)
     if mapped.has_partner is not None and settings.without_partner == "keep":
         linked &= _elements_of_vertices(mapped, domain)
     return LinkedLayer(name, name, domain, layer.data_type, picks, linked)
-
-
-def _as_srgb(colors: Floats) -> Floats:
-    """Scene-linear colours (n, 4) in sRGB; alpha stays."""
-    return np.column_stack([to_srgb(colors[:, :3]), colors[:, 3:]])
 
 
 def _elements_of_vertices(mapped: MappedTarget, domain: Domain) -> np.ndarray:

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -49,7 +49,7 @@ from .binding.check import check_binding
 from .binding.write import hide_sources, is_at_source, keep_match, write_bound, write_posed_shape
 from .constraints import check_options
 from .dressing.dress import take_to_rest
-from .matching.made_match import BY_SCRIPT, MatchUse, find_match, push_match, store_and_stop
+from .matching.made_match import BY_SCRIPT, FoundMatch, MatchUse, find_match, push_match, store_and_stop
 from .targets import Write
 
 # Fraction of the progress for a new match.
@@ -219,38 +219,64 @@ async def prepare_transfer(
         return partial(store_and_stop, context, pair, found.refused, found.settings, use)
     if not found.is_new:
         remarks.notes.extend(_unused_settings(found.settings, match_options))
-    job, bound = TransferJob(found.match, pair, remarks, settings, blend), None
+    job = TransferJob(found.match, pair, remarks, settings, blend)
     done = 1.0 if binding is None else (1 + found.done) / 2
     with portion(found.done, done):
         await compute(partial(transfer_all, [one for one in adapters if one not in bound_later], job))
-    if binding is not None and weights is not None:
-        with portion(done, 1):
-            bound = await prepare_binding(context, job, weights, keys, binding)
-        remarks.notes.extend(bound.notes)
-        bind_worn = await take_to_rest(context, pair, bound.rest.positions)
+    if binding is None or weights is None:
+        return PreparedTransfer(context, found, adapters, job, use)
+    with portion(done, 1):
+        bound = await prepare_binding(context, job, weights, keys, binding)
+    remarks.notes.extend(bound.notes)
+    bind_worn = await take_to_rest(context, pair, bound.rest.positions)
+    return PreparedTransfer(context, found, adapters, job, use, bound, bind_worn)
 
-    def write() -> dict[str, Any]:
+
+@dataclass(frozen=True, eq=False)
+class PreparedTransfer:
+    """A computed transfer; a call writes it to the target, and returns the report.
+
+    Attributes:
+        context: Blender's.
+        found: the match that the transfer follows.
+        adapters: the data.
+        job: the transfer, with remarks for the report.
+        use: how the match is used.
+        bound: the target at rest; None if it is not bound.
+        bind_worn: binds copies that the target wears.
+    """
+
+    context: Context
+    found: FoundMatch
+    adapters: Sequence[Adapter]
+    job: TransferJob
+    use: MatchUse
+    bound: Bound | None = None
+    bind_worn: Write[None] = lambda: None
+
+    def __call__(self) -> dict[str, Any]:
+        context, pair, found, bound = self.context, self.job.pair, self.found, self.bound
         with writing(context, pair) as (_, target):
             found.store(target.data, pair)
-            if found.is_new and use.undo_step:
+            if found.is_new and self.use.undo_step:
                 push_match()
-            for one in adapters:
-                if one.kind not in AT_REST:
-                    one.write(target)
+            self._write_data(target, at_rest=False)
             if bound is not None:
-                remarks.notes.extend(write_bound(context, pair, bound))
-                bind_worn()
-            for one in adapters:
-                if one.kind in AT_REST:
-                    one.write(target)
+                self.job.remarks.notes.extend(write_bound(context, pair, bound))
+                self.bind_worn()
+            self._write_data(target, at_rest=True)
             if bound is not None:
                 write_posed_shape(target, bound)
             target.data.update()
             if bound is not None:
                 keep_match(context, pair, found.match, found.settings)
-            return _write_report(target, adapters, job, users_of_mesh(context, target), bound)
+            return _write_report(target, self.adapters, self.job, users_of_mesh(context, target), bound)
 
-    return write
+    def _write_data(self, target: Object, at_rest: bool) -> None:
+        """Write the kinds of data that are written once the target is at rest, or the others."""
+        for one in self.adapters:
+            if (one.kind in AT_REST) == at_rest:
+                one.write(target)
 
 
 def _unused_settings(stored: Mapping[str, Any], settings: Mapping[str, Any]) -> list[str]:
@@ -286,7 +312,7 @@ async def _collect(
 
 
 def _write_report(
-    target: Object, adapters: list[Adapter], job: TransferJob, users: int, bound: Bound | None
+    target: Object, adapters: Sequence[Adapter], job: TransferJob, users: int, bound: Bound | None
 ) -> dict[str, Any]:
     match, pair, remarks = job.match, job.pair, job.remarks
     written: dict[str, list[str]] = {kind: [] for kind in DATA}

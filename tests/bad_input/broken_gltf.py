@@ -9,7 +9,7 @@ from base64 import b64encode
 from collections.abc import Callable
 from typing import Any
 
-from zoomout_core.mesh.formats.gltf_files import MAX_PARTS
+from zoomout_core.mesh.formats.gltf_structure import MAX_PARTS
 
 DATA = struct.pack("<9f", 0, 0, 0, 1, 0, 0, 1, 1, 0) + struct.pack("<3H", 0, 1, 2)
 

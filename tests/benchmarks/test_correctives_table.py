@@ -35,5 +35,7 @@ def test_corrected_body_equals_dual_quaternion_skinning(monkeypatch: pytest.Monk
 
 def test_rows_are_means_over_pairs_with_the_smallest_value() -> None:
     record = {"rig": correctives.OWN, "joint": "elbow", correctives.COPIED: 0.5, "error": 0.1, "value": 1.0}
-    (row,) = correctives._rows([record, record | {"error": 0.3, "value": 0.9}])
+    (row,) = correctives._rows(
+        [record, record | {"error": 0.3, "value": 0.9}], ("rig", "joint"), (correctives.COPIED, "error")
+    )
     assert (row["pairs"], row["error"], row["value"]) == (2, pytest.approx(0.2), 0.9)

@@ -10,8 +10,8 @@ import pytest
 from click.testing import CliRunner, Result
 
 from benchmarks.__main__ import main
-from benchmarks.golden import cases as golden_cases
 from benchmarks.golden import table as golden
+from benchmarks.golden.case import Case
 
 NAMES = "small 60", "error no axis"
 
@@ -22,7 +22,7 @@ def run(folder: Path, *arguments: str) -> Result:
 
 @pytest.mark.slow
 def test_differences_from_an_earlier_run_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    absent = golden_cases.Case("part absent", lambda _: {}, ("absent.off",))
+    absent = Case("part absent", lambda _: {}, ("absent.off",))
     cases = (*(case for case in golden.CASES if case.name in NAMES), absent)
     monkeypatch.setattr(golden, "CASES", cases)
     file = tmp_path / "golden.json"

@@ -306,7 +306,7 @@ def test_the_page_follows_its_records(tmp_path: Path) -> None:
     (folder / "FAUST.jsonl").write_text("\n".join(json.dumps(each) for each in records))
     text = written()
     assert "*List*: both ways." in text
-    assert "a random sample of the list: 2 of 4 pairs as is." in text
+    assert "A random sample of the list is measured: 2 of 4 pairs as is." in text
     assert "1.5 (Good)" in text
     assert "6.1 (Old)" in text
     assert "![Share of vertices up to each error](results/FAUST.png)" in text

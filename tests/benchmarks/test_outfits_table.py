@@ -60,6 +60,9 @@ def test_faults_are_counted() -> None:
     assert found["was in"] == 0
     assert found["error"] == pytest.approx(0.25 * 0.33 / 0.1, rel=0.02)
     assert found["spread"] > 0.1
+    assert 0.5 * found["error"] < found["off surface"] <= found["error"]
+    slid = figures(shirt, shirt.vertices @ HALF_TURN, shirt.vertices)
+    assert slid["off surface"] < 0.02 * slid["error"]
     meant = figures(shirt, sunk, sunk)
     assert meant["in skin"] == 0
     assert meant["was in"] == found["in skin"]

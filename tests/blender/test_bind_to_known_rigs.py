@@ -10,6 +10,7 @@ import pytest
 from mathutils import Euler, Matrix
 from rigged import BONES, OTHER, pose_target, set_pose, source_and_rig, visible_positions
 from scenes import activate, ellipsoid, from_pydata, positions
+from true_match import keep_true_match
 
 from blender_addon import api, mesh_data
 from blender_addon.demo.target import posed_copy
@@ -45,15 +46,41 @@ def test_mixamo_rig_in_centimetres_poses_the_target():
 
 
 @pytest.fixture
-def rigify_rig():
-    """The rig that Rigify generates from its basic human, and the bones that it was generated from."""
+def rigify():
+    """Rigify is enabled."""
     assert addon_utils.enable("rigify", default_set=True) is not None
+    yield
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    addon_utils.disable("rigify", default_set=True)
+
+
+def test_metarig_moves_with_its_rig(rigify):
+    source, armature = source_and_rig(around=10, along=31)
+    plan = armature.copy()
+    plan.data = armature.data.copy()
+    plan.name, plan.data.rigify_target_rig = "Plan", armature
+    plan.data.rigify_rig_ui = bpy.data.texts.new("panel of the original")
+    bpy.context.scene.collection.objects.link(plan)
+    target, before = pose_target(source, armature, {}, around=9, along=27)
+    target.data.transform(Matrix.Diagonal((1, 1, 1.5, 1)))
+    keep_true_match(target, before)
+    report = api.move_rig(bpy.context, source, target, api.Binding("keep_shape"))
+    rig, made = bpy.data.objects[report["bound"]["armature"]], bpy.data.objects["Plan Target"]
+    assert sum("select 'Plan Target' and press Re-Generate Rig" in note for note in report["notes"]) == 1
+    assert (made.data.rigify_target_rig, made.data.rigify_rig_ui) == (rig, None)
+    assert plan.data.rigify_target_rig == armature
+    places = [mesh_data.read_rig_bones(each).heads for each in (rig, made, plan)]
+    np.testing.assert_allclose(places[1], places[0], atol=1e-5)
+    assert places[1][2, 2] == pytest.approx(1.5 * places[2][2, 2], rel=0.05)
+
+
+@pytest.fixture
+def rigify_rig(rigify):
+    """The rig that Rigify generates from its basic human, and the bones that it was generated from."""
     bpy.ops.object.armature_basic_human_metarig_add()
     plan = bpy.context.object
     bpy.ops.pose.rigify_generate()
-    yield bpy.data.objects["rig"], plan.data.bones
-    bpy.ops.wm.read_factory_settings(use_empty=True)
-    addon_utils.disable("rigify", default_set=True)
+    return bpy.data.objects["rig"], plan.data.bones
 
 
 def body_around(bones):
@@ -140,3 +167,16 @@ def test_rigify_rig_moves_to_another_build(rigify_rig):
     moved = np.linalg.norm(visible_positions(target) - stood, axis=1)
     assert moved.max() > 0.2
     assert np.median(moved) < 0.01
+
+    # The metarig beside it rebuilds the controls in the same rig, and leaves those of the original.
+    control.matrix_basis = Matrix()
+    planned, shapes = bpy.data.objects["metarig Target"], bpy.data.collections["WGTS_rig"].all_objects.keys()
+    assert any("press Re-Generate Rig" in note and "metarig Target" in note for note in report["notes"])
+    heads = mesh_data.read_rig_bones(rig).heads
+    activate(planned)
+    bpy.ops.pose.rigify_generate()
+    assert target.modifiers["Armature"].object == made
+    assert bends(made) < 0.01
+    np.testing.assert_allclose(visible_positions(target), stood, atol=0.02)
+    np.testing.assert_array_equal(mesh_data.read_rig_bones(rig).heads, heads)
+    assert bpy.data.collections["WGTS_rig"].all_objects.keys() == shapes

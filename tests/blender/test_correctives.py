@@ -7,11 +7,12 @@ from types import SimpleNamespace
 import bpy
 import numpy as np
 import pytest
+from bent_tube import weights_of
 from rigged import BONES, set_pose, visible_positions
 from rigged import pose_target as fine_pose_target
 from rigged import rig as make_rig
 from rigged import source_and_rig as fine_source_and_rig
-from scenes import key_shape
+from scenes import key_shape, set_weights
 from test_dress_objects import sleeve
 from true_match import keep_true_match
 
@@ -238,3 +239,26 @@ def test_correctives_of_the_body_and_of_clothes_move_the_clothes():
     target.data.shape_keys.key_blocks["Turned"].value = 0
     moved = np.linalg.norm(corrected - visible_positions(copy), axis=1)
     assert 0.2 < moved.max() < 0.8
+
+
+@pytest.mark.parametrize("has_own_rig", [True, False])
+def test_correctives_do_not_move_cloth_that_the_skin_leaves(has_own_rig):
+    source, armature = source_and_rig()
+    drive_by_turning(source, armature)
+    cloth = sleeve(armature)
+    # Like a skirt: all of it is bound to the bone above the joint, and the skin below the upper half leaves it.
+    cloth.vertex_groups.clear()
+    set_weights(cloth, "Lower", np.ones(len(cloth.data.vertices)))
+    target, _ = pose_target(source, armature, {})
+    own = own_rig(target, {bone: bone for bone in BONES}) if has_own_rig else armature
+    for name, column in zip(BONES, weights_of(visible_positions(target)).toarray().T, strict=True):
+        set_weights(target, name, column)
+    transfer(source, target, binding=None if has_own_rig else api.Binding())
+    report = api.dress(bpy.context, source, target, [cloth])
+    copy = bpy.data.objects[report["objects"]["Sleeve"]]
+    moved = np.linalg.norm(key_shape(copy.data, "Turned") - key_shape(copy.data, "Basis"), axis=1)
+    height = visible_positions(copy)[:, 2]
+    set_pose(own, BENT)
+    assert value_of(copy, "Turned") == pytest.approx(1.0)
+    assert moved[height < 1.7].max() > 0.1
+    assert moved[height > 2.55].max() < 0.03  # the skin below moves by 0.2

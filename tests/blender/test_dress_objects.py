@@ -171,6 +171,19 @@ def test_hair_is_attached_to_the_target(source):
     np.testing.assert_allclose(uv, roots[:, :2] / 4 + 0.5, atol=0.02)  # as `add_uv_map` lays it out
 
 
+def test_objects_named_like_hair_hang_as_a_whole(source):
+    body, armature = source
+    cloth = sleeve(armature)
+    cloth.name = "LongHair"
+    target, _ = pose_target(body, armature)
+    found = []
+    for manner in ("automatic", "hair", "soft"):
+        report = api.dress(bpy.context, body, target, [cloth], api.Dressing(manner=manner))
+        found.append(visible_positions(bpy.data.objects[report["objects"]["LongHair"]]))
+    np.testing.assert_allclose(found[0], found[1], atol=1e-6)
+    assert np.abs(found[0] - found[2]).max() > 0.01
+
+
 def test_undressable_objects_are_reported(source):
     body, armature = source
     target, _ = pose_target(body, armature, {})

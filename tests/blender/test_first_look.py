@@ -42,10 +42,10 @@ def begin(monkeypatch):
     """Start to match the target with the source as in a window, until the first look is shown."""
     match, begun = zo.match, []
 
-    def begin_match(*maps, seen=True):
+    def begin_match(*maps, show_preview=True):
         refining = Refining(match, maps)
         monkeypatch.setattr(zo, "match", refining)
-        job = Job(prepare_match(bpy.context, "Source", "Target", seen=seen))
+        job = Job(prepare_match(bpy.context, "Source", "Target", show_preview=show_preview))
         begun.append(job)
         while not refining.shown.is_set():
             assert not job.advance(0.01)
@@ -128,7 +128,7 @@ def test_other_previews_and_unseen_targets_are_unchanged(source, target, begin, 
         end(*begin(vertex))()
         bpy.ops.zoomout.preview(kind=kind)
     before = preview.current()
-    begin(vertex, seen=kind is not None)
+    begin(vertex, show_preview=kind is not None)
     assert preview.current() is before
 
 
@@ -139,18 +139,18 @@ def test_mirrored_half_has_no_colours(source, target, begin):
 
 
 def test_watching_runs_only_while_a_job_computes():
-    gate, seen = threading.Event(), []
+    gate, threads = threading.Event(), []
 
     async def work():
-        with watching(lambda: seen.append(threading.current_thread())):
+        with watching(lambda: threads.append(threading.current_thread())):
             await jobs.compute(gate.wait)
         await jobs.compute(gate.wait)
 
     job = Job(work())
     job.advance(0.05)
-    assert set(seen) == {threading.current_thread()}
+    assert set(threads) == {threading.current_thread()}
     gate.set()
-    count = len(seen)
+    count = len(threads)
     while not job.advance(0.01):
         pass
-    assert len(seen) <= count + 1
+    assert len(threads) <= count + 1

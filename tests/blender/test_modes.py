@@ -72,7 +72,7 @@ def test_operation_in_a_mode_is_one_undo_step(source, target, mode):
     set_weights(source, "Bone", np.ones(len(source.data.vertices)))
     bpy.ops.ed.undo_push(message="before")
     bpy.ops.object.mode_set("EXEC_DEFAULT", True, mode=mode)
-    # In Blender's window an operator pushes its step itself, see `come_back_after`.
+    # In Blender's window an operator pushes its step itself, see `restore_after`.
     called = () if mode in modes.OWN_UNDO else ("EXEC_DEFAULT", True)
     bpy.ops.zoomout.transfer(*called, **NEAREST)
     assert len(bpy.data.objects["Target"].vertex_groups) == 1
@@ -137,7 +137,7 @@ def test_multi_object_editing_is_restored(source, target, with_source):
     before = state()
     assert before[3] == ({"Source", "Target"} if with_source else {"Target"})
     assert [finding for finding in preflight.findings(bpy.context) if finding.blocks] == []
-    modes.come_back(bpy.context, modes.leave(bpy.context, Work()))
+    modes.restore(bpy.context, modes.leave(bpy.context, Work()))
     assert state() == before
 
 
@@ -145,7 +145,7 @@ def test_mode_is_not_restored_if_another_object_became_active(source, target):
     enter("SCULPT")
     left = modes.leave(bpy.context, Work())
     bpy.context.view_layer.objects.active = source
-    modes.come_back(bpy.context, left)
+    modes.restore(bpy.context, left)
     assert bpy.context.mode == "OBJECT"
 
 
@@ -220,7 +220,7 @@ def test_work_ended_by_blender_restores_the_mode_when_idle(target, timers, windo
 def test_mode_of_a_closed_window_is_not_restored(target, timers):
     enter("SCULPT")
     left = modes.leave(bpy.context, Work())
-    modes.come_back_later(SimpleNamespace(window=None), left)
+    modes.restore_later(SimpleNamespace(window=None), left)
     timers.pop()()
     assert bpy.context.mode == "OBJECT"
 

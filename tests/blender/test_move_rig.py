@@ -1,16 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A copy of the source's armature moves into a target of another build, with everything that makes it a rig."""
 
-from functools import partial
-
 import bpy
 import numpy as np
 import pytest
 from bent_tube import tube, weights_of
 from mathutils import Euler, Matrix
 from rigged import POSE, mesh_object, visible_positions
-from rigged import pose_target as fine_pose_target
-from rigged import source_and_rig as fine_source_and_rig
+from rigged import coarse_pose_target as pose_target
+from rigged import coarse_source_and_rig as source_and_rig
 from scenes import activate, link, snapshot
 from true_match import keep_true_match
 
@@ -20,9 +18,6 @@ from blender_addon.mesh_data import read_rig_bones
 from blender_addon.mesh_data.rigs.outfit_bones import edit_bones
 from blender_addon.services import transfer
 
-# Coarse tubes, which are matched faster.
-source_and_rig = partial(fine_source_and_rig, around=14, along=43)
-pose_target = partial(fine_pose_target, around=11, along=33)
 # The build of the target: longer and thinner.
 BUILD = np.array([0.8, 0.8, 1.5])
 PLACE = Matrix.LocRotScale((5, -3, 2), Euler((0.2, 0.6, 2.0)), (0.5, 0.5, 0.5))

@@ -25,7 +25,7 @@ from blender_addon.services.transfer import transfer_objects
 from blender_addon.storage import stored_candidates, stored_match, stored_report, stored_symmetry
 from blender_addon.storage.stored_report import transfer_report
 from blender_addon.ui import panels
-from blender_addon.ui.panels import result, sidebar
+from blender_addon.ui.panels import live_link, result, sidebar
 from blender_addon.ui.panels.sidebar import VERDICT_ICONS
 from blender_addon.viewport import preview
 from zoomout_core.matching.report.notes import UNCERTAIN
@@ -260,6 +260,15 @@ def test_buttons_do_not_move_when_previews_change(source, target):
         bpy.ops.zoomout.preview(kind=kind)
         assert preview.caption()[1] == preview.OF_MATCH[kind].legend
         assert [text for kind, text, _ in drawn() if kind == "label"] == labels
+
+
+def test_layers_that_follow_the_source_are_counted(source, target, monkeypatch):
+    """A rig has many vertex groups: a line for each would push the other panels off the screen."""
+    match_objects(bpy.context, source, target, k_final=30)
+    shares = {"UVMap": 0.9, **{f"bone {number}": 1.0 for number in range(40)}}
+    monkeypatch.setattr(live_link, "link_of", lambda _: {"source": "Source", "layers": shares})
+    lines = [text for kind, text, _ in drawn() if kind == "label" and "follows" in text]
+    assert lines == ["40 layers: 100% follows 'Source'", "UVMap: 90% follows 'Source'"]
 
 
 def test_all_check_marks_are_set_or_cleared_at_once(target):

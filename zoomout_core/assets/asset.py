@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -28,6 +29,19 @@ UV, COLOR = "uv", "color"
 
 # Characters that end a line, begin a comment or continue a line in OBJ files, and those that UTF-8 cannot store.
 UNSTORABLE = re.compile(r"[\x00-\x1f\x7f-\x9f#\\\ud800-\udfff]")
+
+
+def layers_of(attributes: Iterable[Attribute], kind: str) -> list[Attribute]:
+    """Texture coordinates or colours, `UV` or `COLOR`, in the order of their numbers: "uv 2" before "uv 10"."""
+    return sorted(
+        (each for each in attributes if each.name.startswith(f"{kind} ")), key=lambda each: by_number(each.name)
+    )
+
+
+def by_number(name: str) -> tuple[str, int]:
+    """A key that sorts names by the number at their end."""
+    text = name.rstrip("0123456789")
+    return text, int(name[len(text) :] or 0)
 
 
 @dataclass(frozen=True)
@@ -204,7 +218,7 @@ def on_corners(attribute: Attribute, surface: Surface) -> Floats:
 
 
 def from_srgb(colors: Floats) -> Floats:
-    """Convert sRGB colours (n, 3) or (n, 4) to scene-linear ones; alpha stays."""
+    """Convert sRGB colours (n, 3) or (n, 4) to scene-linear ones; alpha is not changed."""
     values = np.array(colors, dtype=np.float64)
     rgb = np.clip(values[:, :3], 0, 1)
     values[:, :3] = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
@@ -212,9 +226,11 @@ def from_srgb(colors: Floats) -> Floats:
 
 
 def to_srgb(colors: Floats) -> Floats:
-    """The inverse of `from_srgb`, for colours (n, 3)."""
-    rgb = np.clip(np.asarray(colors, dtype=np.float64), 0, 1)
-    return np.where(rgb <= 0.0031308, 12.92 * rgb, 1.055 * rgb ** (1 / 2.4) - 0.055)
+    """The inverse of `from_srgb`."""
+    values = np.array(colors, dtype=np.float64)
+    rgb = np.clip(values[:, :3], 0, 1)
+    values[:, :3] = np.where(rgb <= 0.0031308, 12.92 * rgb, 1.055 * rgb ** (1 / 2.4) - 0.055)
+    return values
 
 
 def one_line(name: str) -> str:

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.sparse import coo_array, csr_array
 
 from zoomout_core.arrays import Integers, row_norms
-from zoomout_core.assets.asset import UV, Asset, at_rest, in_pose_of, on_corners
+from zoomout_core.assets.asset import UV, Asset, at_rest, in_pose_of, layers_of, on_corners
 from zoomout_core.assets.facing_normals import faces_away, turn_to_faces
 from zoomout_core.assets.fit_level import Places, closest_facing, fit_weights
 from zoomout_core.assets.level import FITTED, Level, Poses, errors_of_level, merge_places, points_in_poses
@@ -222,10 +222,7 @@ def refit_weights(source: Asset, level: Surface, found: SurfaceMap, weights: csr
 
 def _own_uvs(asset: Asset, given: Asset) -> tuple[dict[str, Attribute], list[str]]:
     """The texture coordinates of a given mesh, by the names of those of an asset that they stand for, and notes."""
-    theirs, own = (
-        sorted((each for each in one.attributes if each.name.startswith(UV)), key=lambda each: each.name)
-        for one in (asset, given)
-    )
+    theirs, own = (layers_of(one.attributes, UV) for one in (asset, given))
     kept = {one.name: replace(other, name=one.name) for one, other in zip(theirs, own, strict=False)}
     if len(own) <= len(theirs):
         return kept, []

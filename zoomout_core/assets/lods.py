@@ -17,14 +17,14 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from zoomout_core.arrays import Floats, Integers
-from zoomout_core.assets.asset import MATERIALS, NORMALS, UV, Asset, at_rest, in_pose_of, on_corners
+from zoomout_core.assets.asset import MATERIALS, NORMALS, UV, Asset, at_rest, in_pose_of, layers_of, on_corners
 from zoomout_core.assets.facing_normals import faces_away, turn_to_faces
 from zoomout_core.assets.fit_level import LEVEL_FIT, fit_level, fit_weights
 from zoomout_core.assets.level import FITTED, Level, Poses, errors_of_level, merge_places, points_in_poses
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.mirror_pairs import mirror_moves, mirror_pairs
-from zoomout_core.mesh.simplify import simplify
+from zoomout_core.mesh.simplification.simplify import simplify
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.mesh.triangles import area_normals, components, triangle_areas, unique_edges, unit_vectors
 from zoomout_core.messages import message
@@ -138,7 +138,7 @@ def _simplify(source: Asset, poses: Poses, ratios: Sequence[float]) -> list[tupl
     first, of_vertex = merge_places(surface.vertices)
     rest = surface.vertices[first]
     corners = surface.triangle_corners
-    textures = sorted((each for each in source.attributes if each.name.startswith(UV)), key=lambda each: each.name)
+    textures = layers_of(source.attributes, UV)
     materials, seams = source.find(MATERIALS), list[Integers]()
     numbers = [] if materials is None else [np.asarray(materials.values)[surface.triangle_face]]
     for texture in textures:

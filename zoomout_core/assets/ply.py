@@ -59,7 +59,7 @@ def write_ply(asset: Asset, path: Path) -> tuple[str, ...]:
     values = list(surface.vertices.T)
     if color is not None:
         rgba = np.asarray(on_points(color, surface))
-        rgba = np.column_stack([to_srgb(rgba[:, :3]), rgba[:, 3:] if rgba.shape[1] == 4 else np.ones(len(rgba))])
+        rgba = np.column_stack([to_srgb(rgba), np.ones((len(rgba), 4 - rgba.shape[1]))])
         fields += [(name, "u1") for name in ("red", "green", "blue", "alpha")]
         values += list(np.round(255 * np.clip(rgba, 0, 1)).T)
     table = np.zeros(len(surface.vertices), dtype=fields)

@@ -100,7 +100,7 @@ def stored_map_of(
 
 
 def stored_map_from(rows: Floats, description: Any) -> StoredMap | None:
-    """The map from what a file stores, see `StoredMap.rows` and `description`; None if it is damaged."""
+    """The map from the rows (n, 4) and the description in a file, see `StoredMap`; None if they are damaged."""
     if not isinstance(description, dict) or rows.shape[1:] != (4,) or not np.isfinite(rows).all():
         return None
     source, kinds = description.get("source"), description.get("kinds")

@@ -14,12 +14,14 @@ from typing import Any
 
 import click
 
+from zoomout_core.assets.asset import WEIGHTS
 from zoomout_core.assets.files import MESHES as ENDINGS
 from zoomout_core.assets.files import WRITERS, inputs_of, read_asset
 from zoomout_core.assets.transfer_asset import KINDS
 from zoomout_core.batch import FAILED, PARTLY
 from zoomout_core.cli.report import json_option
-from zoomout_core.cli.transfer_command import check_kinds, check_source
+from zoomout_core.cli.transfer_command import check_kinds, check_moved_rig, check_source
+from zoomout_core.collection.carried import CARRIED, Carried
 from zoomout_core.collection.carry import carry
 from zoomout_core.collection.collection import CollectionResult, match_collection
 from zoomout_core.collection.engine import Engine, InThisProcess, has_dask, local_engine, remote_engine
@@ -28,7 +30,7 @@ from zoomout_core.collection.pictures import draw
 from zoomout_core.collection.report import PAGE, REPORT, figures_of_collection, lines_of_collection, write_reports
 from zoomout_core.collection.shapes import items_of
 from zoomout_core.collection.tasks import MAPS, MESHES, SHAPES
-from zoomout_core.collection.through_blender import CARRIED, SURFACES, is_of_blender, surfaces_of
+from zoomout_core.collection.through_blender import SURFACES, is_of_blender, surfaces_of
 from zoomout_core.command_options import OptionError, detail_options, progress_bar, table_option, tell
 from zoomout_core.matching.option_table import OPTIONS
 from zoomout_core.matching.options import MatchOptions
@@ -68,6 +70,7 @@ class _Choices:
     agree: bool
     pictures: bool
     transfers: bool
+    move_rig: bool
     force: bool
     kinds: str
     ending: str | None
@@ -116,6 +119,11 @@ class _Choices:
     "transfers",
     is_flag=True,
     help="With --template: transfer its data to every mesh, into OUTPUT/meshes.",
+)
+@click.option(
+    "--move-rig",
+    is_flag=True,
+    help="With --transfer: move the joints of the template into each mesh, which keeps its own size and build.",
 )
 @click.option("--force", is_flag=True, help="With --transfer: write a target even if its match is probably wrong.")
 @click.option(
@@ -173,7 +181,7 @@ def collection(shapes: tuple[Path, ...], output: Path, as_json: bool, **options:
 
 def _run(
     shapes: tuple[Path, ...], output: Path, choices: _Choices, accuracy: dict[str, Any]
-) -> tuple[CollectionResult, dict[str, list[str]] | None]:
+) -> tuple[CollectionResult, dict[str, Carried] | None]:
     """Check the inputs, then match, transfer, draw, and write the report.
 
     Raises:
@@ -192,7 +200,10 @@ def _run(
     choices = replace(choices, ending=choices.ending or _usual_ending(template))
     carries = choices.transfers and _uses_blender(files, choices)
     if choices.transfers and not carries and template is not None:
-        check_source(read_asset(template), str(template), kinds, f".{choices.ending}")
+        source = read_asset(template)
+        check_source(source, str(template), kinds, f".{choices.ending}")
+        if choices.move_rig:
+            check_moved_rig(source, str(template), kinds)
     how: dict[str, Any] = {"template": template}
     if choices.all_pairs or pairs is not None:
         how = {"pairs": "all" if pairs is None else read_pairs(pairs, names)}
@@ -227,6 +238,10 @@ def _check_choices(choices: _Choices) -> None:
         raise OptionError("Give only one of --template, --all-pairs, --pairs and --neighbours.")
     if choices.transfers and not template:
         raise OptionError("--transfer copies the data of one shape: choose it with --template.")
+    if choices.move_rig and not (choices.transfers and WEIGHTS in check_kinds(choices.kinds)):
+        raise OptionError(
+            "--move-rig moves the joints that come with skin weights: add --transfer, and these to --kinds."
+        )
 
 
 def _forget(output: Path, names: Sequence[str]) -> None:
@@ -278,7 +293,7 @@ def _engine(choices: _Choices, count: int) -> AbstractContextManager[Engine]:
 
 def _match_all(
     files: Sequence[Path], output: Path, how: dict[str, Any], choices: _Choices, kinds: Sequence[str]
-) -> tuple[CollectionResult, dict[str, list[str]] | None]:
+) -> tuple[CollectionResult, dict[str, Carried] | None]:
     """Match, transfer, draw, and write the report."""
     with portion(0.0, MATCHED):
         result = match_collection(files, output, **how)
@@ -290,7 +305,7 @@ def _match_all(
 
 def _complete(
     result: CollectionResult, output: Path, engine: Engine, choices: _Choices, kinds: Sequence[str]
-) -> dict[str, list[str]] | None:
+) -> dict[str, Carried] | None:
     """Transfer, draw and write the report; returns the notes of a transfer on each target."""
     received, drawn, named = None, {}, choices.template
     template = next((each.name for each in result.items.values() if named and is_same_file(each.file, named)), None)
@@ -298,7 +313,9 @@ def _complete(
     engine = engine if engine.sees([output]) else InThisProcess()
     if choices.transfers and template is not None and choices.ending is not None:
         with portion(MATCHED, DRAWN):
-            received = carry(result, template, kinds, choices.ending, engine, choices.blender, choices.force)
+            received = carry(
+                result, template, kinds, choices.ending, engine, choices.blender, choices.force, choices.move_rig
+            )
     if choices.pictures and find_spec("matplotlib"):
         with portion(DRAWN, 1.0):
             drawn = draw(result, template, engine)

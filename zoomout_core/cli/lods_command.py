@@ -91,17 +91,12 @@ def lods(
     The files are named after MESH, with _LOD0 for MESH itself, then _LOD1 and so on.
     """
     try:
-        if given and ratios is not None:
-            raise OptionError("--level and --ratios exclude each other: give one of them.")
-        if keep_uv and not given:
-            raise OptionError("--keep-uv is for meshes of --level: give these, or leave it out.")
+        _check_options(ratios, given, keep_uv, keep_map, ending)
         shares, folder = [] if given else _read_ratios(ratios or RATIOS), Path(output)
         given = tuple(dict.fromkeys(given))
         count = len(given or shares)
         if not is_folder(output):
             raise MeshError(f"{output} is a file, but there are {count + 1} levels: give a folder.")
-        if keep_map and f".{ending}" not in GLTF:
-            raise OptionError(f"--keep-map needs files in glTF: choose --format {' or '.join(e[1:] for e in GLTF)}.")
         paths = [folder / f"{Path(mesh).stem}_LOD{number}.{ending}" for number in range(count + 1)]
         for read in (mesh, *given):
             if Path(read).suffix.lower() in OF_BLENDER:
@@ -138,6 +133,20 @@ def lods(
         return
     for row in rows:
         tell(_line(row))
+
+
+def _check_options(ratios: str | None, given: tuple[str, ...], keep_uv: bool, keep_map: bool, ending: str) -> None:
+    """Check that options do not contradict each other.
+
+    Raises:
+        OptionError: they do.
+    """
+    if given and ratios is not None:
+        raise OptionError("--level and --ratios exclude each other: give one of them.")
+    if keep_uv and not given:
+        raise OptionError("--keep-uv is for meshes of --level: give these, or leave it out.")
+    if keep_map and f".{ending}" not in GLTF:
+        raise OptionError(f"--keep-map needs files in glTF: choose --format {' or '.join(e[1:] for e in GLTF)}.")
 
 
 def _read_ratios(text: str) -> list[float]:

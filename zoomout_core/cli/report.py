@@ -80,7 +80,7 @@ def _ways_out(result: MatchResult) -> list[str]:
 
 
 def spread_of(values: Floats) -> dict[str, float]:
-    """The mean, the median and the 95th percentile of some values."""
+    """The mean, the median and the 95th percentile of values (n,)."""
     return {
         "mean": float(values.mean()),
         "median": float(np.median(values)),

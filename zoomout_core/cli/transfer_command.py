@@ -222,6 +222,19 @@ def check_source(source: Asset, path: str, kinds: list[str], ending: str) -> Non
     check_writable(trial, path, ending)
 
 
+def check_moved_rig(source: Asset, path: str, kinds: list[str]) -> None:
+    """Check before the first match that a source has joints to move.
+
+    Raises:
+        MeshError: it has none.
+    """
+    if WEIGHTS not in kinds or source.skin is None:
+        raise MeshError(
+            f"--move-rig has no joints of {path} to move: leave it out, or choose a rigged glTF source and "
+            "--kinds with weights."
+        )
+
+
 def _check_choices(choices: _Choices, source: Asset, path: str, ending: str) -> None:
     """Check before the first match that a source has the data that the options are about.
 
@@ -230,11 +243,8 @@ def _check_choices(choices: _Choices, source: Asset, path: str, ending: str) -> 
         OptionError: a map cannot be stored in such a file.
     """
     check_source(source, path, choices.kinds, ending)
-    if choices.move_rig and (WEIGHTS not in choices.kinds or source.skin is None):
-        raise MeshError(
-            f"--move-rig has no joints of {path} to move: leave it out, or choose a rigged glTF source and "
-            "--kinds with weights."
-        )
+    if choices.move_rig:
+        check_moved_rig(source, path, choices.kinds)
     if choices.key_names and (SHAPE_KEYS not in choices.kinds or source.find(SHAPE_KEYS) is None):
         raise MeshError(
             f"--key-names has no morph targets of {path} to rename: leave it out, or choose a source and --kinds "

@@ -5,10 +5,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from zoomout_core.collection.carried import CARRIED, Carried
 from zoomout_core.collection.collection import CollectionResult
 from zoomout_core.collection.engine import Engine, Failure, Task, run_tasks
 from zoomout_core.collection.tasks import MESHES, place_of_map, transfer_pair
-from zoomout_core.collection.through_blender import CARRIED, carry_pair
+from zoomout_core.collection.through_blender import carry_pair
 from zoomout_core.matching.report.verdict import check_verdict
 from zoomout_core.mesh.surface import MeshError
 
@@ -21,7 +22,8 @@ def carry(
     engine: Engine,
     blender: str | None = None,
     force: bool = False,
-) -> dict[str, list[str]]:
+    move_rig: bool = False,
+) -> dict[str, Carried]:
     """Transfer a template's data to all shapes that it is matched with, into the folder `meshes` of the results.
 
     Args:
@@ -32,9 +34,10 @@ def carry(
         engine: an engine with access to the folder of the results.
         blender: Blender's program, for shapes that Blender read, see `mesh.blender_files.blender_command`.
         force: transfer along maps that are probably wrong, too.
+        move_rig: move the joints or bones of the template into each mesh, which keeps its size.
 
     Returns:
-        The notes on each mesh that was written.
+        The outcome for each mesh that was written.
     """
     names = {f"carry {pair.target}": pair for pair in result.records if pair.source == template}
     source = result.items[template]
@@ -46,17 +49,17 @@ def carry(
             result.failures[f"transfer to {pair.target}"] = str(error)
             continue
         target, output = result.items[pair.target].file.absolute(), result.folder / MESHES / f"{pair.target}.{ending}"
-        paths = (source.file.absolute(), target, result.folder / place_of_map(pair), output, tuple(kinds))
+        record = result.folder / CARRIED / f"{pair.target}.json"
+        paths = source.file.absolute(), target, result.folder / place_of_map(pair), output
         if source.original is None:
-            tasks.append(Task(key, transfer_pair, paths))
+            tasks.append(Task(key, transfer_pair, (*paths, tuple(kinds), record, move_rig)))
         else:
-            record = result.folder / CARRIED / f"{pair.target}.json"
-            tasks.append(Task(key, carry_pair, (*paths, record, blender)))
-    notes = {}
+            tasks.append(Task(key, carry_pair, (*paths, tuple(kinds), record, blender, move_rig)))
+    received = {}
     for done in run_tasks(engine, tasks, lambda ended: f"Transferring {ended} of {len(tasks)}"):
         name = names[done.key].target
         if isinstance(done.result, Failure):
             result.failures[f"transfer to {name}"] = done.result.message
         else:
-            notes[name] = list(done.result)
-    return notes
+            received[name] = done.result
+    return received

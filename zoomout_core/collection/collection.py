@@ -29,7 +29,6 @@ from zoomout_core.collection.tasks import (
     place_of_map,
     place_of_shape,
     prepare,
-    write_whole,
 )
 from zoomout_core.collection.through_blender import read_items
 from zoomout_core.maps.surface_map import SurfaceMap
@@ -39,7 +38,7 @@ from zoomout_core.mesh.formats.files import write_shape
 from zoomout_core.mesh.shapes import ShapeLike, as_shape, as_surface
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.array_files import ArrayFileError
-from zoomout_core.runtime.outputs import is_same_file
+from zoomout_core.runtime.outputs import is_same_file, write_whole
 from zoomout_core.runtime.progress import Progress, listening, portion
 
 _log = logging.getLogger(__name__)

@@ -6,7 +6,7 @@ from __future__ import annotations
 import json
 from base64 import b64encode
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from html import escape
 from pathlib import Path
@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from zoomout_core.collection.carried import Carried
 from zoomout_core.collection.collection import CollectionResult
 from zoomout_core.collection.cycles import Agreement
 from zoomout_core.collection.pair_map import PairName
@@ -28,10 +29,10 @@ REPORT, PAGE = "report.json", "report.html"
 MAX_ROWS = 100
 
 
-def figures_of_collection(result: CollectionResult, received: Mapping[str, list[str]] | None = None) -> dict[str, Any]:
+def figures_of_collection(result: CollectionResult, received: Mapping[str, Carried] | None = None) -> dict[str, Any]:
     """How a collection went, in values that JSON can store; pairs are sorted by trust, lowest first.
 
-    With a transfer, `received` are its notes on each target.
+    With a transfer, `received` is its outcome for each target.
     """
     agreement, levels = result.agreement, _levels(result)
     pairs = []
@@ -58,8 +59,11 @@ def figures_of_collection(result: CollectionResult, received: Mapping[str, list[
             "changed": [{"source": pair.source, "target": pair.target} for pair in agreement.changed],
         }
     if received is not None:
-        found["transferred"] = dict(received)
-        found["transfer_warnings"] = {name: note_figures(notes)["warnings"] for name, notes in received.items()}
+        found["transferred"] = {name: list(each.notes) for name, each in received.items()}
+        found["transfer_warnings"] = {name: note_figures(each.notes)["warnings"] for name, each in received.items()}
+        motions = {name: list(each.motions) for name, each in received.items() if each.motions}
+        if motions:
+            found["motions"] = motions
     return found
 
 
@@ -95,7 +99,7 @@ def _pairs(count: int) -> str:
 
 
 def write_reports(
-    result: CollectionResult, pictures: Mapping[str, bytes], received: Mapping[str, list[str]] | None = None
+    result: CollectionResult, pictures: Mapping[str, bytes], received: Mapping[str, Carried] | None = None
 ) -> None:
     """Write `report.json` and `report.html`, with PNG files of the shapes by name, to the folder of a collection.
 
@@ -106,10 +110,12 @@ def write_reports(
     with atomic_write(result.folder / REPORT) as part:
         part.write_text(f"{json.dumps(figures, indent=1)}\n", encoding="utf-8")
     with atomic_write(result.folder / PAGE) as part:
-        part.write_text(page_of(result, pictures), encoding="utf-8", errors="backslashreplace")
+        part.write_text(page_of(result, pictures, received), encoding="utf-8", errors="backslashreplace")
 
 
-def page_of(result: CollectionResult, pictures: Mapping[str, bytes]) -> str:
+def page_of(
+    result: CollectionResult, pictures: Mapping[str, bytes], received: Mapping[str, Carried] | None = None
+) -> str:
     """The HTML page of a collection."""
     least: dict[str, tuple[float, PairName]] = {}
     for pair in result.records:
@@ -128,6 +134,7 @@ def page_of(result: CollectionResult, pictures: Mapping[str, bytes]) -> str:
         rows="".join(_row(result, pair) for pair in rows),
         shown=_shown(len(rows), len(result.records)),
         cycles=_about_cycles(result.agreement),
+        received=_transfers(received or {}),
         failures=_failures(result.failures),
     )
 
@@ -208,12 +215,24 @@ def _cells(values: Iterable[str]) -> str:
     return "".join(f"<td>{escape(value)}</td>" for value in values)
 
 
+def _transfers(received: Mapping[str, Carried]) -> str:
+    """A table of the meshes with transferred data."""
+    cells = [(name, " ".join(note_lines(each.notes))) for name, each in received.items()]
+    return _section("Transferred", ("mesh", "notes"), cells)
+
+
 def _failures(failures: Mapping[str, str]) -> str:
-    if not failures:
+    return _section("Failed", ("what", "why"), list(failures.items()))
+
+
+def _section(title: str, columns: Sequence[str], cells: Sequence[Sequence[str]]) -> str:
+    """A table with a title; nothing without rows."""
+    if not cells:
         return ""
-    rows = "".join(f"<tr>{_cells(each)}</tr>" for each in failures.items())
-    table = f"<table><thead><tr><th>what</th><th>why</th></tr></thead><tbody>{rows}</tbody></table>"
-    return f'<h2>Failed</h2><div class="scroll">{table}</div>'
+    head = "".join(f"<th>{each}</th>" for each in columns)
+    rows = "".join(f"<tr>{_cells(each)}</tr>" for each in cells)
+    table = f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"
+    return f'<h2>{title}</h2><div class="scroll">{table}</div>'
 
 
 PAGE_TEMPLATE = Template((Path(__file__).parent / "report_page.html").read_text(encoding="utf-8"))

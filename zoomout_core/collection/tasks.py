@@ -11,7 +11,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext, suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from time import perf_counter
 from typing import TypeVar
@@ -20,6 +20,7 @@ from zoomout_core.arrays import Floats, Integers
 from zoomout_core.assets.files import inputs_of, read_asset, write_asset
 from zoomout_core.assets.part_names import parts_of_file
 from zoomout_core.assets.transfer_asset import transfer_asset
+from zoomout_core.collection.carried import Carried, read_carried, write_carried
 from zoomout_core.collection.pair_map import PairName, PairRecord, arrays_of, candidate_maps_of, load_candidate_maps
 from zoomout_core.collection.shapes import Item, ShapeSummary, content_key, spread_from_samples, summarise
 from zoomout_core.maps.known_match import KnownMatch
@@ -31,7 +32,7 @@ from zoomout_core.mesh.formats.files import read_shape
 from zoomout_core.mesh.formats.opening import existing, file_bytes
 from zoomout_core.mesh.shapes import as_surface
 from zoomout_core.runtime.array_files import ArrayFileError, write_arrays
-from zoomout_core.runtime.outputs import atomic_write
+from zoomout_core.runtime.outputs import atomic_write, write_whole
 from zoomout_core.runtime.version import package_version
 
 SHAPES, MAPS, MESHES = "shapes", "maps", "meshes"
@@ -220,18 +221,44 @@ def match_pair(
     return Matched(pair, record, True, shipped)
 
 
-def transfer_pair(source: Path, target: Path, map_file: Path, output: Path, kinds: tuple[str, ...]) -> tuple[str, ...]:
-    """Transfer a source's data to a target by their map file; returns notes for the user.
+def transfer_pair(
+    source: Path,
+    target: Path,
+    map_file: Path,
+    output: Path,
+    kinds: tuple[str, ...],
+    record: Path,
+    move_rig: bool = False,
+) -> Carried:
+    """Transfer a source's data to a target by their map file, unless this is on record.
+
+    Args:
+        source: the file with the data.
+        target: the file that receives it.
+        map_file: a map between both.
+        output: the file to write.
+        kinds: kinds of data, from `assets.transfer_asset.KINDS`.
+        record: the file with the record.
+        move_rig: move the source's joints into the target, which keeps its size.
 
     Raises:
         MeshError: there is nothing to transfer, or a file cannot be read or written.
     """
+    inputs = inputs_of(source, target)
+    contents = [content_key(path.read_bytes()) for path in (*inputs, map_file) if path.is_file()]
+    key = content_key(repr((contents, kinds, move_rig, output.name, package_version())).encode())
+    earlier = read_carried(record, key)
+    if earlier is not None and all(path.is_file() for path in inputs_of(output)):
+        return earlier
     assets = read_asset(source), read_asset(target)
     known = KnownMatch.load(map_file, assets[0].surface, assets[1].surface)
-    made = transfer_asset(*assets, known, kinds)
+    made = transfer_asset(*assets, known, kinds, move_rig=move_rig)
     output.parent.mkdir(parents=True, exist_ok=True)
-    left_out = write_asset(made.asset, output, inputs_of(source, target))
-    return (*assets[0].notes, *assets[1].notes, *made.notes, *left_out)
+    left_out = write_asset(made.asset, output, inputs)
+    notes = (*assets[0].notes, *assets[1].notes, *made.notes, *left_out)
+    found = Carried(notes, tuple(map(asdict, made.motions)))
+    write_carried(record, key, found)
+    return found
 
 
 def _folder_of_worker() -> Path:
@@ -254,14 +281,3 @@ def _known(load: Callable[[Path], Stored], path: Path, key: str) -> Stored | Non
     except (FileNotFoundError, ArrayFileError):
         return None
     return stored if stored.key == key else None
-
-
-def write_whole(path: Path, content: bytes) -> None:
-    """Write a file, and the folders above it.
-
-    Raises:
-        OutputError: it cannot be written; the earlier file is unchanged.
-    """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with atomic_write(path) as part:
-        part.write_bytes(content)

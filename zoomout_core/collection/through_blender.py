@@ -7,16 +7,15 @@ transfers data, it reads all files of known formats; other files are read here a
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from zoomout_core.assets.asset import COLOR, MATERIALS, NORMALS, SHAPE_KEYS, UV, WEIGHTS
+from zoomout_core.collection.carried import Carried, read_carried, write_carried
 from zoomout_core.collection.engine import Engine, Failure, InThisProcess, Task, run_tasks
 from zoomout_core.collection.shapes import Item, content_key
-from zoomout_core.collection.tasks import write_whole
 from zoomout_core.mesh.formats.blender_files import (
     ENDINGS,
     IMPORTED,
@@ -28,11 +27,11 @@ from zoomout_core.mesh.formats.blender_files import (
 )
 from zoomout_core.mesh.formats.files import read_surface, write_shape
 from zoomout_core.mesh.surface import MeshError
-from zoomout_core.messages import Message, from_json, to_json, warning
+from zoomout_core.messages import Message, warning
 from zoomout_core.runtime.version import package_version
 
-# Folders of the results: surfaces that Blender read, and records of its transfers.
-SURFACES, CARRIED = "surfaces", "carried"
+# Folder of the results: surfaces that Blender read.
+SURFACES = "surfaces"
 # The extension's names of the kinds of data.
 DATA = {
     UV: "uv_maps",
@@ -108,8 +107,8 @@ def carry_pair(
     record: Path,
     program: str | None,
     move_rig: bool = False,
-) -> tuple[str, ...]:
-    """Transfer a source's data to a target by Blender, unless this is on record; returns notes for the user.
+) -> Carried:
+    """Transfer a source's data to a target by Blender, unless this is on record.
 
     Args:
         source: the file with the data, or an asset in a .blend file, see `split_asset`.
@@ -126,9 +125,9 @@ def carry_pair(
     """
     contents = [content_key(path.read_bytes()) for path in (split_asset(source)[0], target, map_file)]
     key = content_key(repr((contents, source.name, kinds, move_rig, output.name, package_version())).encode())
-    known = _known_notes(record, key) if output.is_file() else None
-    if known is not None:
-        return known
+    earlier = read_carried(record, key) if output.is_file() else None
+    if earlier is not None:
+        return earlier
     output.parent.mkdir(parents=True, exist_ok=True)
     arguments = [
         "carry",
@@ -148,8 +147,8 @@ def carry_pair(
         raise MeshError(" ".join(dict.fromkeys(errors.values())))
     notes = [note for entry in report.values() for note in _read_notes(entry)]
     notes += [_as_warning(f"'{name}' received no data: {error}") for name, error in errors.items()]
-    found = tuple(dict.fromkeys(notes))
-    write_whole(record, json.dumps(to_json({"key": key, "notes": found}), indent=1).encode())
+    found = Carried(tuple(dict.fromkeys(notes)))
+    write_carried(record, key, found)
     return found
 
 
@@ -177,12 +176,3 @@ def surfaces_of(name: str, folder: Path) -> list[Path]:
     """The surfaces of a shape that earlier runs wrote to a folder of results."""
     pattern = re.compile(re.escape(name) + "-[0-9a-f]{32}[.]ply")
     return [path for path in (folder / SURFACES).glob("*.ply") if pattern.fullmatch(path.name)]
-
-
-def _known_notes(record: Path, key: str) -> tuple[str, ...] | None:
-    """The notes of an earlier transfer of the same contents; None if there was none."""
-    try:
-        held = from_json(json.loads(record.read_bytes()))
-        return tuple(map(str, held["notes"])) if held["key"] == key else None
-    except (OSError, ValueError, KeyError, TypeError):
-        return None

@@ -60,7 +60,7 @@ class SurfaceSearch:
         self._at_vertex = table.indptr, table.indices
 
     def closest(self, points: Floats, tolerance: float = 0.0) -> tuple[Integers, Floats]:
-        """Find the closest point for every query point, see `closest_points`."""
+        """Find the closest points for query points (q, 3), see `closest_points`."""
         found = _Closest(points, self.vertices, self.triangles)
         # The triangles at the nearest vertex are a good initial guess, which rules out most others.
         nearest = self._used[query_tree(self._tree, points, 1)[1]]
@@ -306,7 +306,7 @@ def closest_on_triangles(points: Floats, a: Floats, b: Floats, c: Floats) -> tup
 
 
 def inner_products(ap: Floats, ab: Floats, ac: Floats, axis: Literal[0, -1]) -> tuple[Floats, ...]:
-    """Inner products for `barycentric_of_closest`, over the first axis, which is faster, or the last."""
+    """Five inner products (...) for `barycentric_of_closest`, over the first axis, which is faster, or the last."""
     over = "x...,x...->..." if axis == 0 else "...x,...x->..."
     pairs = (ap, ab), (ap, ac), (ab, ab), (ab, ac), (ac, ac)
     return tuple(np.einsum(over, u, v) for u, v in pairs)

@@ -101,6 +101,10 @@ class OrientedSurface:
         low, _ = self._boxes
         return np.isfinite(low[:, 0])[np.minimum(group, len(low) - 1)] & (group < len(low))
 
+    def points_at(self, triangle: Integers, barycentric: Floats) -> Floats:
+        """(q, 3) points by their triangles (q,) and barycentric coordinates (q, 3)."""
+        return np.asarray(np.einsum("qc,qcx->qx", barycentric, self._vertices[self._triangles[triangle]]))
+
     def min_distance(self, points: Floats, group: Integers) -> Floats:
         """(q,) distances from points (q, 3) to the bounding boxes of groups (q,), lower bounds for their triangles."""
         low, high = (each[group] for each in self._boxes)

@@ -160,7 +160,7 @@ class Moments:
 
     @classmethod
     def between(cls, points: Floats, images: Floats, weights: Floats | None = None) -> Moments:
-        """The moments of point sets and their images, see `procrustes`."""
+        """The moments of point sets and their images (..., n, d) with weights (..., n), see `procrustes`."""
         share = np.ones(points.shape[-2]) if weights is None else weights
         share = (share / share.sum(axis=-1, keepdims=True))[..., None, :]
         place, image = share @ points, share @ images

@@ -243,11 +243,21 @@ def find_source(
     """
     if compare is not None and compare < 1:
         raise ValueError(f"compare is {compare}: give a number of assets of at least 1.")
+    assets = prepared_assets(libraries)
+    with listening(progress):
+        return search(as_surface(target), assets, compare)
+
+
+def prepared_assets(libraries: Sequence[Library]) -> list[LibraryAsset]:
+    """The assets of several libraries; those of overlapping folders once.
+
+    Raises:
+        MeshError: a library is not prepared.
+    """
     assets: dict[Path, LibraryAsset] = {}
     for library in libraries:
         found = {asset.path: asset for asset in library.assets()}
         if not found:
             raise MeshError(NOT_PREPARED, folder=library.folder)
         assets |= found
-    with listening(progress):
-        return search(as_surface(target), list(assets.values()), compare)
+    return list(assets.values())

@@ -87,7 +87,7 @@ class FoundPart:
 
 
 def find_part(ranked: Sequence[FoundSource]) -> FoundPart | None:
-    """The part of a target that another source fits better by most; None if no part fits much better.
+    """The part of a target that another source fits better, by the largest gain; None if none fits much better.
 
     Args:
         ranked: the sources, the best first. Its joints define the parts, so it must be a glTF file with a skin.

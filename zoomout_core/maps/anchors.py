@@ -26,7 +26,7 @@ class Anchors:
     target: Floats
 
     def at(self, source_vertices: Integers, target_vertices: Integers) -> Anchors:
-        """The anchors at some vertices only."""
+        """The anchors at some of the vertices, (q_s,) of the source and (q_t,) of the target."""
         return Anchors(self.source[source_vertices], self.target[target_vertices])
 
     def join(self, others: Anchors | None) -> Anchors:

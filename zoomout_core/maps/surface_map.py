@@ -206,7 +206,7 @@ def _npz(path: str | PathLike[str]) -> str:
 
 
 def fault_of_map(triangle: Integers, barycentric: Floats, count: int) -> str:
-    """The error in the arrays of a map onto `count` triangles; empty if there is none."""
+    """The error in the arrays (n,) and (n, 3) of a map onto `count` triangles; empty if there is none."""
     if triangle.dtype.kind not in "iu" or barycentric.dtype.kind != "f":
         return message(
             "its triangles are of type {triangles} and its barycentric coordinates of {barycentric}",

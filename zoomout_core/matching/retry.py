@@ -75,7 +75,7 @@ def attempt_part(whole: Attempt, known: Constraints) -> Attempt:
             candidates = match_part(pair, known.disagreement(pair), given, upright)
         best = _as_part(whole, pair, candidates, PART_MATCH.likely)
     certainty = best.candidates[0].certainty
-    enough = UNKNOWN_SCALE.certain if best is whole else UNKNOWN_SCALE.likely
+    enough = UNKNOWN_SCALE.certain if best is whole else UNKNOWN_SCALE.enough
     if certainty >= enough or (best is not whole and are_fragments(whole.pair)):
         return best
     with stage("Finding the scale of a part", 0.3, 1.0):

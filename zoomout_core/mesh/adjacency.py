@@ -69,8 +69,7 @@ class Edges:
     def find(self, one: Integers, other: Integers) -> Integers:
         """(k,) numbers of the edges between vertices, -1 for none."""
         key = np.minimum(one, other) * self.n + np.maximum(one, other)
-        at = np.minimum(np.searchsorted(self.key, key), len(self.key) - 1)
-        return np.where(self.key[at] == key, at, -1)
+        return find_sorted(self.key, key)
 
     def count_common(self, one: Integers, other: Integers) -> Integers:
         """(k,) the numbers of vertices that are neighbours of both vertices."""
@@ -135,6 +134,14 @@ class Quads:
         for each in self.triangles[chosen].T:
             np.minimum.at(owner, each, order)
         return np.asarray((owner[self.triangles[chosen]] == order[:, None]).all(axis=1))
+
+
+def find_sorted(values: Integers, wanted: Integers) -> Integers:
+    """(k,) the places of numbers (k,) among ascending values (n,), the first of equal ones; -1 for none."""
+    if not len(values):
+        return np.full(len(wanted), -1)
+    at = np.minimum(np.searchsorted(values, wanted), len(values) - 1)
+    return np.where(values[at] == wanted, at, -1)
 
 
 def group_by_key(keys: Integers, count: int) -> tuple[Integers, Integers]:

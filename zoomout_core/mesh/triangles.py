@@ -134,3 +134,9 @@ def area_normals(vertices: Floats, triangles: Integers) -> Floats:
 def cross(u: Floats, v: Floats) -> Floats:
     """(..., 3) cross products of vectors (..., 3), several times as fast as numpy's."""
     return np.stack([u[..., i - 2] * v[..., i - 1] - u[..., i - 1] * v[..., i - 2] for i in range(3)], axis=-1)
+
+
+def signed_areas(corners: Floats) -> Floats:
+    """(m,) twice the areas of triangles in the plane with corners (m, 3, 2); negative for clockwise ones."""
+    first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    return np.asarray(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0])

@@ -41,7 +41,7 @@ def weld(vertices: Floats, triangles: Integers, sides: Sides) -> Integers:
     return _weld_copies(stands_for, place, triangles)
 
 
-def lies_twice(triangles: Integers, sides: Sides) -> Booleans:
+def repeated_triangles(triangles: Integers, sides: Sides) -> Booleans:
     """(m,) which triangles (m, 3) repeat the three vertices of an earlier one, in any order.
 
     Folds of a closed surface do not count: two other triangles join the edges of a fold, at most one those of a

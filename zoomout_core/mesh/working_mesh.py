@@ -18,7 +18,7 @@ from zoomout_core.mesh.triangles import (
     triangle_areas,
     vertex_normals,
 )
-from zoomout_core.mesh.welding import lies_twice, weld
+from zoomout_core.mesh.welding import repeated_triangles, weld
 
 # The volume of a closed surface, relative to a sphere's of the same area, is exact up to this rounding.
 NO_VOLUME = 1e-9
@@ -172,7 +172,7 @@ def working_mesh(vertices: Floats, triangles: Integers, area: float, referenced:
     if not (len(kept) == len(triangles) and (triangles == given).all()):
         triangles = triangles[kept]
         sides = sides_by_edge(triangles)
-    again = lies_twice(triangles, sides)
+    again = repeated_triangles(triangles, sides)
     if again.any():
         kept, triangles = kept[~again], triangles[~again]
         sides = sides_by_edge(triangles)
@@ -220,7 +220,7 @@ def _flipped_triangles(vertices: Floats, triangles: Integers, sides: Sides) -> B
     forward = (triangles < np.roll(triangles, -1, axis=1)).ravel()
     agree = forward[left] != forward[right]
     left, right = left // 3, right // 3
-    turned, patch = _agreeing(m, left, right, agree)
+    turned, patch = _wind_alike(m, left, right, agree)
     oriented = np.where(turned[:, None], triangles[:, ::-1], triangles) if turned.any() else triangles
     area, volume = _area_and_volume(vertices, oriented, patch)
     has_border = np.zeros(len(area), dtype=bool)
@@ -229,7 +229,7 @@ def _flipped_triangles(vertices: Floats, triangles: Integers, sides: Sides) -> B
     return turned ^ inward[patch]
 
 
-def _agreeing(m: int, left: Indices, right: Indices, agree: Booleans) -> tuple[Booleans, Indices]:
+def _wind_alike(m: int, left: Indices, right: Indices, agree: Booleans) -> tuple[Booleans, Indices]:
     """(m,) which of m triangles to flip so that neighbours wind alike, and (m,) the number of each one's patch.
 
     The triangles `left` and `right` (e,) are neighbours, which may already have the same winding (e,). Triangles that

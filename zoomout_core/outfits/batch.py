@@ -15,7 +15,7 @@ from zoomout_core.collection.collection import CollectionResult, match_collectio
 from zoomout_core.collection.engine import Engine, Failure, InThisProcess, Task, run_tasks
 from zoomout_core.collection.pair_map import PairName
 from zoomout_core.collection.shapes import content_key
-from zoomout_core.collection.tasks import place_of_map, write_whole
+from zoomout_core.collection.tasks import place_of_map
 from zoomout_core.drawing import encode_png
 from zoomout_core.matching.options import MatchOptions
 from zoomout_core.matching.report.verdict import Verdict, check_verdict, worst
@@ -25,7 +25,7 @@ from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.messages import from_json, to_json
 from zoomout_core.outfits.check import CheckedOutfit
 from zoomout_core.outfits.pictures import draw_outfit
-from zoomout_core.runtime.outputs import atomic_write, check_no_input, is_same_file
+from zoomout_core.runtime.outputs import atomic_write, check_no_input, is_same_file, write_whole
 from zoomout_core.runtime.progress import portion
 from zoomout_core.runtime.version import package_version
 

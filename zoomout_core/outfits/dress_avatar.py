@@ -18,12 +18,12 @@ from zoomout_core.mesh.affine_maps import normalise
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import unit_vectors
 from zoomout_core.messages import warning
-from zoomout_core.outfits.parts import mask_of
+from zoomout_core.outfits.parts import hair_objects, mask_of
 from zoomout_core.outfits.skeleton import Fit, align_avatars, bind_clothes, move_skinned
 from zoomout_core.runtime.progress import portion
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 from zoomout_core.transfer.dressing.body_keys import follow_keys
-from zoomout_core.transfer.dressing.dress import Dressed, carry, clear_in_poses
+from zoomout_core.transfer.dressing.dress import Dressed, Manner, carry, clear_in_poses
 from zoomout_core.transfer.dressing.posed_contact import PosedBody
 from zoomout_core.transfer.rigging.poses import extend_poses, gentle_poses
 from zoomout_core.transfer.rigging.skinning import renumber_bones
@@ -75,10 +75,20 @@ def dress_avatar(
     """
     objects = _objects(worn)
     masks = np.split(mask_of(worn, keep), np.cumsum([len(each.vertices) for each in objects])[:-1])
+    manners: list[Manner] = ["hair" if is_hair else "automatic" for is_hair in hair_objects(worn)]
     unknown = [pattern for pattern in keep if not mask_of(worn, [pattern]).any()]
     with portion(0, FITTED):
         shape = align_avatars(shape, source, target)
-        dressed = carry(source.surface, shape, target.surface, objects, keep=masks, stiffness=stiffness, gap=gap)
+        dressed = carry(
+            source.surface,
+            shape,
+            target.surface,
+            objects,
+            manners=manners,
+            keep=masks,
+            stiffness=stiffness,
+            gap=gap,
+        )
     bound = bind_clothes(_place(worn, dressed), Fit(source, shape, objects, dressed.vertices, masks), target)
     with portion(FITTED, CLEARED):
         dressed = _clear_in_poses(dressed, bound.clothes, target)

@@ -29,6 +29,10 @@ OF_WORN = re.compile(
     r"|jeans|shorts|suit|uniform|kimono|underwear|bra\b|panty|sock|stocking|tights|shoe|boot|sandal|heel|glove|hat\b|cap\b"
     r"|helmet|glass|mask|belt|bag|ribbon|scarf|tie\b|necklace|collar|ring\b|accessor|armor|armour|outfit|tail|wing|horn"
 )
+# Words in names of hair, but not of what is worn in it.
+OF_HAIR = re.compile(
+    r"(?<!c)hair(?! ?(band|pin|clip|tie|net|bow|ribbon|ornament|accessor))|\bwig\b|braid|bangs\b|(pony|pig) ?tail"
+)
 
 
 class AvatarParts(NamedTuple):
@@ -79,6 +83,21 @@ def are_of_body(names: Sequence[Sequence[str]], body: Sequence[str] = (), *, wea
     return known
 
 
+def is_hair(name: str, materials: Sequence[str]) -> bool:
+    """Whether a worn object is hair, by its own name or by those of all its materials."""
+    return any(each and all(OF_HAIR.search(_words(word)) for word in each) for each in ([name], materials))
+
+
+def hair_objects(asset: Asset) -> list[bool]:
+    """Whether each object of an asset is hair."""
+    owner, material = _owner_and_material(asset)
+    found = []
+    for number, (name, _) in enumerate(asset.objects):
+        used = np.unique(material[owner == number]).tolist()
+        found.append(is_hair(name, [asset.materials[each].name if each >= 0 else "" for each in used]))
+    return found
+
+
 def mask_of(asset: Asset, patterns: Sequence[str]) -> Floats:
     """A mask (n,): 1 at vertices of meshes or materials whose names match one of some patterns, otherwise 0."""
     surface, (names, part) = asset.surface, _named_parts(asset)
@@ -90,16 +109,24 @@ def mask_of(asset: Asset, patterns: Sequence[str]) -> Floats:
 
 def _named_parts(asset: Asset) -> tuple[list[tuple[str, str]], Integers]:
     """The names of the material and of the mesh of each part, and (f,) the number of each face's part."""
-    surface = asset.surface
-    first = surface.corner_vertex[surface.face_start[:-1]]
-    owner = np.repeat(np.arange(len(asset.objects)), [count for _, count in asset.objects])
-    materials = asset.find(MATERIALS)
-    material = np.full(len(first), -1) if materials is None else np.asarray(materials.values)
-    pairs, part = np.unique(np.column_stack([owner[first], material]), axis=0, return_inverse=True)
+    pairs, part = np.unique(np.column_stack(_owner_and_material(asset)), axis=0, return_inverse=True)
     names = [
         (asset.materials[number].name if number >= 0 else "", asset.objects[mesh][0]) for mesh, number in pairs.tolist()
     ]
     return names, part.ravel()
+
+
+def _owner_and_material(asset: Asset) -> tuple[Integers, Integers]:
+    """(f,) the numbers of each face's object and material, -1 without a material."""
+    first = asset.surface.corner_vertex[asset.surface.face_start[:-1]]
+    owner = np.repeat(np.arange(len(asset.objects)), [count for _, count in asset.objects])
+    materials = asset.find(MATERIALS)
+    return owner[first], np.full(len(first), -1) if materials is None else np.asarray(materials.values)
+
+
+def _words(name: str) -> str:
+    """The words of a name, in lower case."""
+    return re.sub(r"[^a-z]+", " ", re.sub(r"([a-z])([A-Z])", r"\1 \2", name).lower())
 
 
 def _is_of_body(names: Sequence[str], patterns: Sequence[str]) -> bool | None:
@@ -107,7 +134,7 @@ def _is_of_body(names: Sequence[str], patterns: Sequence[str]) -> bool | None:
     if patterns:
         return matches(names, patterns)
     for name in names:
-        words = re.sub(r"[^a-z]+", " ", re.sub(r"([a-z])([A-Z])", r"\1 \2", name).lower())
+        words = _words(name)
         if OF_WORN.search(words):
             return False
         if OF_BODY.search(words):

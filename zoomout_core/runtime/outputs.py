@@ -115,6 +115,17 @@ def atomic_write(output: str | os.PathLike[str]) -> Iterator[Path]:
             part.unlink(missing_ok=True)
 
 
+def write_whole(path: Path, content: bytes) -> None:
+    """Write a file, and the folders above it.
+
+    Raises:
+        OutputError: it cannot be written; the earlier file is unchanged.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with atomic_write(path) as part:
+        part.write_bytes(content)
+
+
 @contextmanager
 def atomic_write_together(
     output: str | os.PathLike[str], inputs: Iterable[str | os.PathLike[str]] = ()

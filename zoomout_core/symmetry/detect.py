@@ -28,9 +28,8 @@ from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 from zoomout_core.matching.preparation.memory_need import check_memory
 from zoomout_core.matching.ranking.rank import Candidate, rank
 from zoomout_core.matching.refinement.confidence import Partners, confidence_of
-from zoomout_core.matching.refinement.dense_map import bend_onto_source
-from zoomout_core.matching.refinement.refine import REFINEMENT, refine
-from zoomout_core.matching.registration.nonrigid_icp import Fit
+from zoomout_core.matching.refinement.refine import REFINEMENT, functional_map_by, refine
+from zoomout_core.matching.registration.nonrigid_icp import Fit, fit_nonrigid
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.shapes import ShapeLike, as_surface
 from zoomout_core.mesh.surface import Surface
@@ -206,7 +205,8 @@ def _symmetry(pair: Pair, candidate: Candidate, left: Floats) -> Symmetry:
         with portion(0.0, 0.6):
             refined, functional_map = refine(shape, shape, candidate.functional_map, None, *how)
         with portion(0.6, 1.0):
-            return bend_onto_source(refined, functional_map, shape, shape, candidate.mirrored)
+            fit = fit_nonrigid(refined, shape, shape, candidate.mirrored)
+            return fit, functional_map_by(fit.surface_map, shape, shape, functional_map.shape)
 
     with portion(0.0, 0.7):
         if order == 2:  # the map is its own inverse
@@ -276,7 +276,7 @@ def _unit_vector(left: ArrayLike) -> Floats:
 
 
 def isometry_errors(functional_map: Floats, eigenvalues: Floats) -> dict[str, float]:
-    """Errors that are zero for an isometry: commutativity and orthonormality, of the low block and the whole map."""
+    """Commutativity and orthonormality errors, zero for an isometry, of a map (k, k) and of its low block."""
     low = functional_map[:LOW, :LOW]
     return {
         "commutativity": commutativity_error(functional_map, eigenvalues, eigenvalues),

@@ -4,7 +4,7 @@
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 from zoomout_core.transfer.blend import MODES, Blend, Mode, blend
 from zoomout_core.transfer.dressing.body_keys import follow_keys
-from zoomout_core.transfer.dressing.body_weights import WeightedBody, follow_weights
+from zoomout_core.transfer.dressing.body_weights import WeightedBody, follow_weights, moving_with_skin
 from zoomout_core.transfer.dressing.dress import Dressed, Manner, carry, clear_in_poses, dress, shape_of_source
 from zoomout_core.transfer.dressing.form import Lines
 from zoomout_core.transfer.dressing.joint_alignment import JointPairs, align_joints
@@ -44,6 +44,7 @@ __all__ = [
     "map_target",
     "move_joints",
     "move_rig",
+    "moving_with_skin",
     "pair_bones",
     "reverse_match",
     "shape_of_source",

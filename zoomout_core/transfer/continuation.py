@@ -13,7 +13,7 @@ from zoomout_core.mesh.triangles import edge_graph
 
 
 def extrapolate_map(surface_map: SurfaceMap, target: Surface, has_partner: Booleans) -> SurfaceMap:
-    """Extrapolate a map: a vertex without a partner takes the image of the nearest vertex with one.
+    """Extrapolate a map: a vertex without a partner (n_t,) takes the image of the nearest vertex with one.
 
     Distances are along the surface, so labels and UVs continue from their surroundings. Parts of the target without any
     partner keep their images.

@@ -88,6 +88,7 @@ class Frames:
     areas: Floats  # (n,) areas of the vertices, as shares of the whole area
     points: Floats  # (n_w, 3) positions of all vertices of the working mesh on the source
     confidence: Floats  # (n,) confidence of the map
+    is_face: bool = False  # whether the vertices are on a head, which has no joints
 
     @cached_property
     def trust(self) -> Floats:
@@ -140,6 +141,10 @@ class Frames:
         those of narrow neighbourhoods. Where the same holds for the similarity of all vertices, that one is used,
         without a small rotation. Parts that are smaller than a wide neighbourhood, such as eyelashes, rotate with what
         is beside them.
+
+        A face has no joints, so neighbourhoods rotate by the shapes of features only. If it faces the way of the
+        source's face, the rotation of all vertices is therefore used everywhere. If the heads are rotated against each
+        other, that rotation is no better: it is uncertain by some degrees.
         """
         size = np.sqrt(self.mapped.source.area) / self.mapped.target.working.scale
         moments, side = self._moments, self._handedness
@@ -157,6 +162,9 @@ class Frames:
             share = share * (side == sides) * _fitting(missed, noise)
             blend = blend + share[:, None, None] * (linear - blend)
         lengths = np.linalg.norm(blend, axis=(1, 2)) / np.sqrt(3)
+        if self.is_face:
+            share = (side == self._side_of_most) * (1 - _kept_share(whole[0]))
+            blend = blend + share[:, None, None] * (without_small_turn(whole[0]) - blend)
         lengths = np.clip(lengths, 1 / MAX_RELATIVE_GROWTH, MAX_RELATIVE_GROWTH)
         turns = lengths[:, None, None] / size * nearest_rotations(blend, side)
         return np.asarray(turns[self._beside])
@@ -271,9 +279,16 @@ def without_small_turn(linear: Floats) -> Floats:
     if scale <= 0:  # a mirror image
         return linear
     rotation = Rotation.from_matrix(linear / scale)
-    angle = np.degrees(rotation.magnitude())
-    kept = np.clip((angle / FRAMES.same_direction - 1) / (OTHER_DIRECTION - 1), 0, 1)
-    return np.asarray(scale * Rotation.from_rotvec(kept * rotation.as_rotvec()).as_matrix())
+    return np.asarray(scale * Rotation.from_rotvec(_kept_share(linear) * rotation.as_rotvec()).as_matrix())
+
+
+def _kept_share(linear: Floats) -> float:
+    """The share, in [0, 1], of the rotation of a similarity's linear part (3, 3) that is not small."""
+    scale = np.cbrt(np.linalg.det(linear))
+    if scale <= 0:  # a mirror image
+        return 1.0
+    angle = np.degrees(Rotation.from_matrix(linear / scale).magnitude())
+    return float(np.clip((angle / FRAMES.same_direction - 1) / (OTHER_DIRECTION - 1), 0, 1))
 
 
 def _similarities(means: Floats, handedness: Floats) -> tuple[Floats, Floats]:
@@ -303,7 +318,7 @@ def frames_of(mapped: MappedTarget) -> Frames:
     return frames_on(mapped, np.ones(len(mapped.target.vertices), dtype=bool))
 
 
-def frames_on(mapped: MappedTarget, vertices: Booleans) -> Frames:
+def frames_on(mapped: MappedTarget, vertices: Booleans, is_face: bool = False) -> Frames:
     """Frames at some vertices (n_t,) of the target, and at the neighbours of these."""
     working = mapped.target.working
     stiffness, areas = mesh_laplacian(working.vertices, working.triangles)
@@ -311,7 +326,7 @@ def frames_on(mapped: MappedTarget, vertices: Booleans) -> Frames:
     number = np.flatnonzero(chosen | (abs(stiffness) @ chosen > 0))
     among = without_sums(stiffness[number][:, number])
     confidence = on_working_mesh(working, mapped.confidence)[number]
-    return Frames(mapped, number, among, areas[number], on_working_mesh(working, mapped.points), confidence)
+    return Frames(mapped, number, among, areas[number], on_working_mesh(working, mapped.points), confidence, is_face)
 
 
 def rotations(mapped: MappedTarget, domain: Domain) -> Floats:

@@ -9,10 +9,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from bpy.types import Key, Object
 
-from zoomout_core.arrays import Floats
+from zoomout_core.arrays import Booleans, Floats
 
 from ..attributes.vertex_groups import read_mask
 from ..surfaces.surfaces import directions_in_world
+from .key_drivers import is_corrective
 from .shape_keys import BASIS, ShapeKey, path_of_key, read_own_shape_keys, write_shape_keys
 
 
@@ -24,11 +25,13 @@ class BodyKeys:
         keys: the keys, without masks, relative to the Basis.
         offsets: (n, keys, 3) in world space, without the body's armature.
         values: (keys,) their present values, zero if muted.
+        is_corrective: (keys,) whether bones drive them.
     """
 
     keys: tuple[ShapeKey, ...]
     offsets: Floats
     values: Floats
+    is_corrective: Booleans
 
     @property
     def displacement(self) -> Floats:
@@ -53,7 +56,8 @@ def read_body_keys(body: Object) -> BodyKeys | None:
         for number in chosen
     ]
     values = np.array([0.0 if each.settings["mute"] else each.settings["value"] for each in keys])
-    return BodyKeys(tuple(keys), offsets[:, chosen], values)
+    driven = np.array([is_corrective(key, each.name) for each in keys], dtype=bool)
+    return BodyKeys(tuple(keys), offsets[:, chosen], values, driven)
 
 
 def write_body_keys(obj: Object, body: Object, keys: Sequence[ShapeKey], offsets: Floats, place: Floats) -> None:

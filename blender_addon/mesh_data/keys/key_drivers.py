@@ -63,6 +63,15 @@ def bones_of_drivers(key: Key, names: Collection[str], armature: Object) -> set[
     return found
 
 
+def is_corrective(key: Key, name: str) -> bool:
+    """Whether bones drive a key."""
+    return any(
+        _reads_bone(kind, target) or BONE.search(target.data_path)
+        for _, curve in _drivers(key, [name])
+        for kind, target in _driver_targets(curve)
+    )
+
+
 def redirect_drivers(key: Key, partners: Partners, names: Collection[str] | None = None) -> Redirected:
     """Redirect drivers of keys to partners; remove those whose partners lack data, and turn their keys off.
 

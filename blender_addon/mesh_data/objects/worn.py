@@ -14,6 +14,7 @@ from bpy.types import Context, Depsgraph, Object
 import zoomout_core as zo
 from zoomout_core.arrays import Floats
 from zoomout_core.messages import message
+from zoomout_core.outfits.parts import is_hair
 
 from ..arrays import hash_of, read_array
 from ..attributes.vertex_groups import read_mask
@@ -45,6 +46,7 @@ class Worn:
         stood: (4, 4) the world matrix of that shape.
         at_rest: whether the shape is undeformed.
         hangs_from_bone: whether its parent is a bone.
+        is_hair: whether it is hair, by its name or those of its materials.
         takes_keys: whether it can have shape keys.
         content: hash of its own data, to detect edits.
         kept: name of the vertex group of parts that keep their form; empty if it has none.
@@ -56,6 +58,7 @@ class Worn:
     stood: Floats
     at_rest: bool
     hangs_from_bone: bool
+    is_hair: bool
     takes_keys: bool
     content: str
     kept: str
@@ -89,6 +92,7 @@ def read_worn(obj: Object, depsgraph: Depsgraph, at_rest: bool, kept: str = "") 
         stood,
         at_rest,
         obj.parent is not None and obj.parent_type == "BONE",
+        is_hair(obj.name, [slot.material.name for slot in obj.material_slots if slot.material]),
         obj.type == "MESH",
         content_of(obj),
         kept if has_kept else "",

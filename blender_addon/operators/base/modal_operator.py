@@ -80,7 +80,7 @@ class ModalOperator(Operator):
         except zo.MeshError as error:
             result = self._fail(error)
         finally:
-            modes.come_back_after(context, self._left, self, result)
+            modes.restore_after(context, self._left, self, result)
         return result
 
     def invoke(self, context: Context, event: Event) -> set[str]:
@@ -100,7 +100,7 @@ class ModalOperator(Operator):
         if event.type == "ESC":
             self._end(context)
             self.report({"INFO"}, reported("Cancelled; nothing was changed"))
-            return modes.come_back_after(context, self._left, self, {"CANCELLED"})
+            return modes.restore_after(context, self._left, self, {"CANCELLED"})
         if event.type != "TIMER":
             return {"PASS_THROUGH" if event.type in LOOKING else "RUNNING_MODAL"}
         try:
@@ -114,13 +114,13 @@ class ModalOperator(Operator):
             self.cancel(context)
             raise
         self._end(context)
-        return modes.come_back_after(context, self._left, self, result)
+        return modes.restore_after(context, self._left, self, result)
 
     def cancel(self, context: Context) -> None:
         """Clean up. Blender calls this when a file is loaded, the window closes, or a preceding dialog is cancelled."""
         if hasattr(self, "_job"):
             self._end(context)
-            modes.come_back_later(context, self._left)
+            modes.restore_later(context, self._left)
 
     def _end(self, context: Context) -> None:
         running_operators.end(self)

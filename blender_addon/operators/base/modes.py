@@ -52,7 +52,7 @@ def leave(context: Context, operator: Operator) -> Left | None:
     return left
 
 
-def come_back(context: Context, left: Left | None) -> None:
+def restore(context: Context, left: Left | None) -> None:
     """Restore the mode, unless another object has become active, or the object is in another mode."""
     obj = None if left is None else context.view_layer.objects.active
     if left is None or obj is None or obj.session_uid != left.active or obj.mode != "OBJECT":
@@ -66,14 +66,14 @@ def come_back(context: Context, left: Left | None) -> None:
         other.select_set(not other.select_get())
 
 
-def come_back_later(context: Context, left: Left | None) -> None:
+def restore_later(context: Context, left: Left | None) -> None:
     """Restore the mode once Blender is idle, unless another file is opened before."""
     window = context.window
     if left is not None:
-        bpy.app.timers.register(lambda: _come_back_in(window, left), first_interval=0)
+        bpy.app.timers.register(lambda: _restore_in(window, left), first_interval=0)
 
 
-def come_back_after(context: Context, left: Left | None, operator: Operator, result: set[str]) -> set[str]:
+def restore_after(context: Context, left: Left | None, operator: Operator, result: set[str]) -> set[str]:
     """Restore the mode at the end of an operator, so that its changes are one undo step.
 
     Blender pushes that step after the operator. In Edit Mode it would cover only the mesh, and undo would not revert
@@ -90,19 +90,19 @@ def come_back_after(context: Context, left: Left | None, operator: Operator, res
     """
     done = result == {"FINISHED"} and "UNDO" in operator.bl_options
     if left is None or left.mode not in OWN_UNDO or not done:
-        come_back(context, left)
+        restore(context, left)
     elif bpy.app.background:  # Blender pushes no step, and runs no timers
         bpy.ops.ed.undo_push(message=translated(operator.bl_label))
-        come_back(context, left)
+        restore(context, left)
     else:
-        come_back_later(context, left)
+        restore_later(context, left)
     return result
 
 
-def _come_back_in(window: Window, left: Left) -> None:
+def _restore_in(window: Window, left: Left) -> None:
     if window in bpy.context.window_manager.windows[:]:
         with bpy.context.temp_override(window=window):
-            come_back(bpy.context, left)
+            restore(bpy.context, left)
 
 
 def _others(context: Context) -> list[Object]:

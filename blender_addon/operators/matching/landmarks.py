@@ -51,7 +51,7 @@ class LandmarkOperator(Operator):
     def execute(self, context: Context) -> set[str]:
         """Change the landmarks in Object Mode, and report."""
         left = modes.leave(context, self)
-        return modes.come_back_after(context, left, self, self._finish_change(context))
+        return modes.restore_after(context, left, self, self._finish_change(context))
 
     def _finish_change(self, context: Context) -> set[str]:
         try:

@@ -40,7 +40,7 @@ class ZOOMOUT_OT_match(SourceName, MatchOptions, RedoOptions, ModalOperator):
         source_of, options = sources_of_targets(context, self.source), self.match_options() | self.redo_options()
         outcome = await each_target(
             list(source_of),
-            lambda target: prepare_match(context, source_of[target], target, seen=target == active, **options),
+            lambda target: prepare_match(context, source_of[target], target, show_preview=target == active, **options),
             partial(agree_matches, options.get("detail", "balanced"), options.get("k_final", 0))
             if self.initial == "AUTO"
             else None,

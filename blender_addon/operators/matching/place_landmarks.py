@@ -76,7 +76,7 @@ class ZOOMOUT_OT_place_landmarks(Operator):
         if event.type in ("ESC", "RIGHTMOUSE", "RET") and event.value == "PRESS":
             self._end(context)
             result = {"FINISHED"} if self._placed else {"CANCELLED"}
-            return modes.come_back_after(context, self._left, self, result)
+            return modes.restore_after(context, self._left, self, result)
         if event.type == "BACK_SPACE" and event.value == "PRESS" and self._placed:
             return self._take_back(context)
         pointed = _place_of_mouse(context, event)
@@ -91,7 +91,7 @@ class ZOOMOUT_OT_place_landmarks(Operator):
     def cancel(self, context: Context) -> None:
         """Clean up; Blender calls this when a file is loaded or the window closes."""
         self._end(context)
-        modes.come_back_later(context, self._left)
+        modes.restore_later(context, self._left)
 
     def _end(self, context: Context) -> None:
         running_operators.end(self)

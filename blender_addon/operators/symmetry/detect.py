@@ -30,7 +30,7 @@ class ZOOMOUT_OT_detect_symmetry(DetectOptions, ModalOperator):
     async def work(self, context: Context) -> str:
         take_settings(self, context.scene.zoomout.symmetry)
         name = context.active_object.name
-        found = await detect_symmetry_async(context, name, self.left, seen=True)
+        found = await detect_symmetry_async(context, name, self.left, show_preview=True)
         return found_summary(name, found)
 
 

@@ -73,11 +73,13 @@ class MovedRig:
         armature: its name.
         bones: its bones in their new places, in world space.
         motion: (4, 4) the similarity from the place of the source to that of the target.
+        metarig: the metarig that it was generated from, likewise moved; None without.
     """
 
     armature: str
     bones: RigBones
     motion: Floats
+    metarig: MovedRig | None = None
 
 
 async def prepare_binding(
@@ -128,17 +130,23 @@ async def prepare_binding(
     moved, rig = rigged.bones.heads, None
     if binding.move_rig:
         (armature,) = mesh_data.armatures_of(find_mesh(context, pair.source_name))
-        bones, name = mesh_data.read_rig_bones(armature), armature.name
+        rigs = [armature, *filter(None, [mesh_data.metarig_of(context, armature)])]
+        names, of_rigs = [each.name for each in rigs], [mesh_data.read_rig_bones(each) for each in rigs]
         notes += _note_on_constraints(armature)
         with stage("Moving the rig", CHECKING, MOVED):
             at_rest = pair.target.with_vertices(rest.positions)
-            bones = await compute(partial(_move_bones, bones, posed, rigged.rest, at_rest))
+            move = partial(_move_bones, posed=posed, rest=rigged.rest, target=at_rest)
+            of_rigs = [await compute(partial(move, each)) for each in of_rigs]
+        bones = of_rigs[0]
         moved = bones.heads[[bones.names.index(each) for each in rigged.bones.names]]
     with stage("Playing the rig", MOVED, 1):
         stretched, of_check = await compute(partial(_check_weights, job, posed, rigged, rest, own, weights, moved))
     if binding.move_rig:
         motion = _motion(posed, pair.target, rest)
-        rig = MovedRig(name, _move_as_a_whole(bones, motion), motion)
+        moved_rigs = [
+            MovedRig(name, _move_as_a_whole(each, motion), motion) for name, each in zip(names, of_rigs, strict=True)
+        ]
+        rig = replace(moved_rigs[0], metarig=moved_rigs[1] if len(moved_rigs) > 1 else None)
         rest = Rest(transform_points(motion, rest.positions), motion[:3, :3] @ rest.linear, rest.smoothed)
         if keys is not None:
             keys.turn(motion[:3, :3])

@@ -9,14 +9,14 @@ from typing import Any
 
 from bpy.types import Context, Object
 
-from zoomout_core.messages import Message, warning
+from zoomout_core.messages import Message, message, warning
 
 from ... import mesh_data
 from ...adapters.key_drivers import notes_on_drivers
 from ...mesh_data import ObjectPair
 from ...scene.pair import find_mesh, fingerprint_target
 from ...storage import stored_match
-from .bind import POSED_SHAPE, Bound
+from .bind import POSED_SHAPE, Bound, MovedRig
 
 
 def write_bound(context: Context, pair: ObjectPair, bound: Bound) -> list[Message]:
@@ -38,7 +38,26 @@ def write_bound(context: Context, pair: ObjectPair, bound: Bound) -> list[Messag
         mesh_data.bind_to_other(target, original, armature, {}, place)
     context.view_layer.update()
     notes = _redirect_drivers(target, read)
-    return notes if armature is None else notes + _note_on_bends(mesh_data.bends_at_rest(original, armature))
+    if armature is None or bound.rig is None:
+        return notes
+    notes += _note_on_bends(mesh_data.bends_at_rest(original, armature))
+    return notes + _copy_metarig(context, armature, target, bound.rig.metarig)
+
+
+def _copy_metarig(context: Context, rig: Object, target: Object, metarig: MovedRig | None) -> list[Message]:
+    """Copy the metarig of a moved rig beside it; returns a sentence on how to use it."""
+    if metarig is None:
+        return []
+    original = context.scene.objects[metarig.armature]
+    made = mesh_data.copy_metarig(context, original, rig, target, metarig.bones, metarig.motion)
+    return [
+        message(
+            "The metarig was moved, too: to rebuild the controls of '{rig}', select '{metarig}' and press Re-Generate "
+            "Rig in the panel of Rigify.",
+            rig=rig.name,
+            metarig=made.name,
+        )
+    ]
 
 
 def _redirect_drivers(target: Object, read: Iterable[Object]) -> list[Message]:

@@ -19,8 +19,10 @@ from zoomout_core.transfer import (
     JointPairs,
     Manner,
     Skeleton,
+    WeightedBody,
     align_joints,
     carry,
+    moving_with_skin,
     pair_bones,
     shape_of_source,
 )
@@ -63,9 +65,7 @@ def fit_worn(match: stored_match.Match, fitting: Fitting, dressing: Dressing) ->
     with portion(0, SHAPING):
         shape = shape_of_source(match, fitting.source, fitting.target)
     body, shape = _part(fitting.source, shape, fitting.is_body)
-    manners: list[Manner] = [
-        "rigid" if each.hangs_from_bone and dressing.manner == "automatic" else dressing.manner for each in fitting.worn
-    ]
+    manners = [_manner(each, dressing.manner) for each in fitting.worn]
     with portion(SHAPING, FITTED):
         if fitting.rigs is not None and fitting.weights is not None:
             shape = _align(shape, body, fitting, fitting.rigs, fitting.weights)
@@ -93,12 +93,21 @@ def fit_worn(match: stored_match.Match, fitting: Fitting, dressing: Dressing) ->
         return fit
     dressed = fit.dressed
     with portion(FITTED, 1):
-        keys = _follow_keys(fitting, fitting.keys, dressed)
+        keys = _follow_keys(fitting, fitting.keys, fit)
     if not fitting.worn[0].at_rest:  # then the target's keys have their present values
         still = [np.einsum("nkx,k->nx", each, fitting.keys.values) for each in keys]
         vertices = tuple(points - off for points, off in zip(dressed.vertices, still, strict=True))
         dressed = replace(dressed, vertices=vertices)
     return replace(fit, dressed=dressed, keys=keys)
+
+
+def _manner(worn: Worn, chosen: Manner) -> Manner:
+    """How to fit an object, given the chosen manner."""
+    if chosen != "automatic":
+        return chosen
+    if worn.hangs_from_bone:
+        return "rigid"
+    return "hair" if worn.is_hair else "automatic"
 
 
 def _align(shape: Floats, body: zo.Surface, fitting: Fitting, rigs: Rigs, weights: GroupWeights) -> Floats:
@@ -146,16 +155,39 @@ def _follow_weights(fit: Fit, fitting: Fitting, rigs: Rigs, weights: GroupWeight
     return replace(fit, weights=changes)
 
 
-def _follow_keys(fitting: Fitting, keys: BodyKeys, dressed: Dressed) -> list[Floats]:
-    """(n, keys, 3) offsets of each fitted object that follow the target's keys, zero without shape keys."""
+def _follow_keys(fitting: Fitting, keys: BodyKeys, fit: Fit) -> list[Floats]:
+    """(n, keys, 3) offsets of each fitted object that follow the target's keys, zero without shape keys.
+
+    Correctives act while bones rotate. They do not move cloth that stays in place while the skin leaves it.
+    """
+    dressed = fit.dressed
     offsets = [np.zeros((len(points), len(keys.keys), 3)) for points in dressed.vertices]
     taking = [number for number, worn in enumerate(fitting.worn) if worn.takes_keys]
     shapes = [_in_shape(fitting.worn[number].shape, dressed.vertices[number]) for number in taking]
     masks = [fitting.worn[number].mask for number in taking]
     followed = zo.follow_keys(fitting.target, keys.offsets, shapes, keep=masks)
-    for number, found in zip(taking, followed, strict=True):
+    along = _moving_with_skin(fitting, fit, taking, shapes) if keys.is_corrective.any() else [None] * len(taking)
+    for number, found, degree in zip(taking, followed, along, strict=True):
+        if degree is not None:
+            found[:, keys.is_corrective] *= degree[:, None, None]
         offsets[number] = found
     return offsets
+
+
+def _moving_with_skin(
+    fitting: Fitting, fit: Fit, numbers: Sequence[int], shapes: Sequence[zo.Surface | zo.Lines]
+) -> list[Floats | None]:
+    """For the objects of some numbers the degree (n,) to which vertices move with the skin; None without weights."""
+    if fitting.weights is None:
+        return [None] * len(numbers)
+    labels = fitting.bones if fitting.rigs is None else (*fitting.bones, *fitting.rigs.outfit.names)
+    if fitting.rigs is None:
+        given = fitting.weights.worn
+    else:
+        given = [None if change is None else change.after for change in fit.weights]
+    weights = [None if (own := given[number]) is None else weights_of_bones(own, labels) for number in numbers]
+    body = WeightedBody(fitting.target, weights_of_bones(fitting.weights.target, labels))
+    return moving_with_skin(body, shapes, weights)
 
 
 def _in_shape(shape: zo.Surface | zo.Lines, vertices: Floats) -> zo.Surface | zo.Lines:

@@ -30,8 +30,9 @@ class Dressing:
     """How a target is dressed.
 
     Attributes:
-        manner: "automatic": small solid parts and children of bones rotate and scale as a whole, and all others follow
-            the body. "soft": all follow the body. "rigid": none do.
+        manner: "automatic": small solid parts and children of bones rotate and scale as a whole, objects named like
+            hair are hair, and all others follow the body. "soft": all follow the body. "rigid": none do. "hair": all
+            follow it near the skin only, and move as a whole farther away.
         stiffness: how far objects that follow the body keep their form, in [0, 1].
         gap: minimum distance from the skin of points that were outside of it, in scene units.
         keep: name of a vertex group of the objects; its connected patches move as a whole, see `zoomout_core.dress`.
@@ -90,7 +91,8 @@ class Fitting:
         worn: the worn objects.
         keys: the shape keys of the target that the copies follow; None for none.
         rigs: the armatures of both, if they differ and the copies are to be bound to the target's.
-        weights: the vertex groups of both and of the worn objects, if the copies are to be bound to it.
+        weights: the vertex groups of both and of the worn objects, if the copies are to be bound.
+        bones: names of the bones that move the target.
         active_keys: the shape keys of the source's bodies that are in use.
         notes: sentences for the user.
     """
@@ -102,6 +104,7 @@ class Fitting:
     keys: BodyKeys | None
     rigs: Rigs | None
     weights: GroupWeights | None
+    bones: tuple[str, ...]
     active_keys: list[ActiveKeys]
     notes: list[Message]
 
@@ -157,12 +160,13 @@ async def read_fitting(
                 target=target.name,
             )
         )
-    weights = None if rigs is None else read_group_weights(context, pair, worn)
+    weights = read_group_weights(context, pair, worn) if at_rest else None
+    bones = mesh_data.read_bones(target).names
     worn_too = [name in chosen for name in pair.source_names]
     is_body = np.repeat(~np.array(worn_too), [len(each.vertices) for each in pair.sources])
     bodies = [find_mesh(context, name) for name in pair.source_names if name not in chosen]
     active = [found for body in bodies if (found := _read_active_keys(body)) is not None]
-    return Fitting(surface, onto, is_body, worn, keys, rigs, weights, active, notes)
+    return Fitting(surface, onto, is_body, worn, keys, rigs, weights, bones, active, notes)
 
 
 def _read_active_keys(body: Object) -> ActiveKeys | None:

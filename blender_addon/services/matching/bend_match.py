@@ -61,7 +61,7 @@ async def bend_match_async(context: Context, target_name: str) -> str:
     note = message("Bent to {landmarks}.", landmarks=what)
     notes = (note, *(other for other in match.notes if not other.startswith("Bent to ")))
     result = replace(match, surface_map=surface_map, notes=notes)
-    following = await previews.following(context, pair, result)
+    following = await previews.updated_preview(context, pair, result)
     with writing(context, pair) as (source, target):
         seen = {stored_match.LANDMARKS: landmarks_fingerprint(context.scene, source, target)}
         stored_match.write(target.data, result, pair, match.settings | seen)

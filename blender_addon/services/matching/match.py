@@ -54,7 +54,7 @@ async def prepare_match(
     context: Context,
     source_name: str,
     target_name: str,
-    seen: bool = False,
+    show_preview: bool = False,
     redo_group: str = "",
     redo_keeps: bool = False,
     **options: Any,
@@ -65,7 +65,7 @@ async def prepare_match(
         context: Blender's; both objects are in its scene.
         source_name: name of the source.
         target_name: name of the target.
-        seen: whether to show a passing preview of places if there is no other preview.
+        show_preview: whether to show a passing preview of places if there is no other preview.
         redo_group: vertex group of the target where a stored match of the two is replaced, and kept elsewhere; empty to
             replace all of it.
         redo_keeps: whether the group is kept instead, and the rest replaced.
@@ -75,14 +75,14 @@ async def prepare_match(
     settings = settings_to_store(context, pair, options)
     kept = valid_match(context, pair) if redo_group else None
     mask = read_mask(context, pair, redo_group, redo_keeps) if kept is not None else None
-    with previews.first_look(context, pair, seen):
+    with previews.first_look(context, pair, show_preview):
         result = await match_pair(context, pair, **options)
     if kept is not None and mask is not None:
         with stage("Merging with the previous match", 1, 1):
             result = await compute(partial(redone_match, pair, kept, result, mask))
     elif redo_group:
         result = replace(result, notes=(NOTHING_KEPT, *result.notes))
-    return await _prepare(context, pair, result, settings, seen)
+    return await _prepare(context, pair, result, settings, show_preview)
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,30 +94,30 @@ class PreparedMatch:
         pair: the two objects, as they were read.
         result: the match.
         settings: the settings to store with it.
-        seen: whether to show a passing preview of places.
-        following: the preview of the match, or None.
+        show_preview: whether to show a passing preview of places.
+        new_preview: the preview of the match, or None.
     """
 
     context: Context
     pair: ObjectPair
     result: stored_match.Match
     settings: dict[str, Any]
-    seen: bool
-    following: previews.Preview | None
+    show_preview: bool
+    new_preview: previews.Preview | None
 
     def __call__(self) -> stored_match.Match:
         with writing(self.context, self.pair) as (_, target):
             store_match(target.data, self.result, self.pair, self.settings)
-        if self.following is not None:
-            preview.show(self.following)
+        if self.new_preview is not None:
+            preview.show(self.new_preview)
         return self.result
 
 
 async def _prepare(
-    context: Context, pair: ObjectPair, result: stored_match.Match, settings: dict[str, Any], seen: bool
+    context: Context, pair: ObjectPair, result: stored_match.Match, settings: dict[str, Any], show_preview: bool
 ) -> PreparedMatch:
-    following = await previews.following(context, pair, result, preview.PLACES if seen else None)
-    return PreparedMatch(context, pair, result, settings, seen, following)
+    new_preview = await previews.updated_preview(context, pair, result, preview.PLACES if show_preview else None)
+    return PreparedMatch(context, pair, result, settings, show_preview, new_preview)
 
 
 async def agree_matches(detail: str, k_final: int, prepared: Mapping[str, PreparedMatch]) -> dict[str, PreparedMatch]:
@@ -139,5 +139,5 @@ async def agree_matches(detail: str, k_final: int, prepared: Mapping[str, Prepar
         for name, result in (await compute(partial(agree, results, sizes))).items():
             was = prepared[name]
             if result is not was.result:
-                agreed[name] = await _prepare(was.context, was.pair, result, was.settings, was.seen)
+                agreed[name] = await _prepare(was.context, was.pair, result, was.settings, was.show_preview)
     return agreed

@@ -128,7 +128,7 @@ def approximate_candidate(obj: Object, listing: CandidateList, place: int) -> It
         raise
 
 
-def first_look(context: Context, pair: ObjectPair, seen: bool) -> AbstractContextManager[None]:
+def first_look(context: Context, pair: ObjectPair, show_preview: bool) -> AbstractContextManager[None]:
     """Show the places of a match while it is computed, roughly, as soon as its candidates are known.
 
     The preview is preliminary: `preview.end_preliminary` restores the previous one.
@@ -136,11 +136,11 @@ def first_look(context: Context, pair: ObjectPair, seen: bool) -> AbstractContex
     Args:
         context: Blender's.
         pair: the two objects.
-        seen: whether to show it if there is no preview; one of places is replaced in any case.
+        show_preview: whether to show it if there is no preview; one of places is replaced in any case.
     """
     before = preview.preview_of(find_mesh(context, pair.target_name))
     if preview.current() is None:
-        return _showing_outlines(context, pair, passing=True) if seen else nullcontext()
+        return _showing_outlines(context, pair, passing=True) if show_preview else nullcontext()
     if before is not None and before.kind == PLACES:
         return _showing_outlines(context, pair, before.passing)
     return nullcontext()
@@ -188,7 +188,9 @@ def _overlays_of_sources(context: Context, pair: ObjectPair, values: Floats) -> 
     ]
 
 
-async def following(context: Context, pair: ObjectPair, match: Match, otherwise: str | None = None) -> Preview | None:
+async def updated_preview(
+    context: Context, pair: ObjectPair, match: Match, otherwise: str | None = None
+) -> Preview | None:
     """The current preview of a target, updated for a new match.
 
     Args:
@@ -209,7 +211,7 @@ def follow_match(context: Context, obj: Object) -> None:
     """Update the preview of an object's match, after its mesh and its match were subdivided."""
     before = preview.preview_of(obj)
     if before is not None and before.kind in OF_MATCH:
-        preview.show(run(_again(context, obj, CHECKER if before.kind == CUT else before.kind)))
+        preview.show(run(_recompute(context, obj, CHECKER if before.kind == CUT else before.kind)))
 
 
 async def of_symmetry(context: Context, name: str, kind: str) -> Preview:
@@ -248,16 +250,16 @@ def of_asymmetry(obj: Object, values: Floats, most: float, legend: str) -> Previ
     return replace(_of_mesh(obj, ASYMMETRY), legend=legend).with_colors(asymmetry_colors(values, most))
 
 
-def follow_symmetry(context: Context, obj: Object, seen: bool = False) -> None:
+def follow_symmetry(context: Context, obj: Object, show_preview: bool = False) -> None:
     """Update the preview of an object's symmetry, after another one was stored or chosen.
 
     Args:
         context: Blender's.
         obj: the object.
-        seen: whether to show a passing preview of pairs if there is no other preview.
+        show_preview: whether to show a passing preview of pairs if there is no other preview.
     """
     before = preview.preview_of(obj)
-    if seen and preview.current() is None:
+    if show_preview and preview.current() is None:
         preview.show(replace(run(of_symmetry(context, obj.name, PAIRS)), passing=True))
     if before is None or before.kind not in OF_SYMMETRY:
         return
@@ -284,12 +286,12 @@ def follow_undo(context: Context) -> None:
         preview.outdate(before)
     elif _stored_hash(obj.data, before.kind) != before.stored_hash:
         try:
-            preview.show(run(_again(context, obj, before.kind)))
+            preview.show(run(_recompute(context, obj, before.kind)))
         except zo.MeshError:  # nothing is stored any more
             preview.clear()
 
 
-async def _again(context: Context, obj: Object, kind: str) -> Preview:
+async def _recompute(context: Context, obj: Object, kind: str) -> Preview:
     if kind in OF_SYMMETRY:
         return await of_symmetry(context, obj.name, kind)
     if kind in OF_BINDING:

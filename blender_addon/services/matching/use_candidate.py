@@ -48,7 +48,7 @@ async def use_candidate_async(context: Context, target_name: str, place: int) ->
         pair, stored = await read_stored_match(context, target_name)
         result = await _result(context, pair, listing, place, stored)
         result = replace(result, notes=(note, *result.notes))
-        following = await previews.following(context, pair, result)
+        following = await previews.updated_preview(context, pair, result)
         with writing(context, pair) as (_, target):
             candidates.store_match(target.data, result, pair, stored.settings)
     if following is not None:
@@ -65,10 +65,10 @@ async def _result(
     settings = stored.settings | {"initial": "auto", "from_last": False}
     settings.pop(stored_match.LANDMARKS, None)
     with portion(0, MATCHING):
-        anew = await match_pair(context, pair, **settings)
-    assert isinstance(anew, zo.MatchResult)  # an automatic start
-    found = candidates.list_candidates(anew, pair)
-    candidates.cache_result(found.key, anew)
+        rematched = await match_pair(context, pair, **settings)
+    assert isinstance(rematched, zo.MatchResult)  # an automatic start
+    found = candidates.list_candidates(rematched, pair)
+    candidates.cache_result(found.key, rematched)
     alike = candidates.most_similar(place, listing, found)
     with portion(MATCHING, 1):
         return await candidates.result_of(found, alike)

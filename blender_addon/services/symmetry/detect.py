@@ -42,11 +42,11 @@ def detect_symmetry(context: Context, obj: Object, left: str = "X") -> tuple[zo.
 
 
 async def detect_symmetry_async(
-    context: Context, name: str, left: str = "X", seen: bool = False
+    context: Context, name: str, left: str = "X", show_preview: bool = False
 ) -> tuple[zo.Symmetry, ...]:
     """`detect_symmetry` as a coroutine, which keeps no Blender data across an `await`.
 
-    With `seen`, pairs are shown if there is no preview.
+    With `show_preview`, pairs are shown if there is no preview.
     """
     surface = stored_symmetry.rest_surface(writable_mesh(context, name))
     found = await compute(partial(zo.detect_symmetry, surface, most=MOST, left=AXES[left]))
@@ -56,7 +56,7 @@ async def detect_symmetry_async(
         await pause()
     with writing(context, name, surface) as obj:
         stored_symmetry.write(obj, found, left)
-    previews.follow_symmetry(context, obj, seen)
+    previews.follow_symmetry(context, obj, show_preview)
     return found
 
 

@@ -3,9 +3,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from bpy.types import Context, Panel
 
-from zoomout_core.messages import message
+from zoomout_core.messages import Message, message, plural
 
 from ...operators.live_link import ZOOMOUT_OT_keep_linked, ZOOMOUT_OT_update_linked
 from ...operators.matching.match import ZOOMOUT_OT_match
@@ -39,8 +41,15 @@ class ZOOMOUT_PT_live_link(SidebarPanel, Panel):
         elif has_older_match(target):
             sentences(context, layout, ["The mesh was matched again: update the link."], "INFO")
         layout.operator(ZOOMOUT_OT_update_linked.bl_idname, icon="FILE_REFRESH")
-        follows = [
-            message("{layer}: {share:.0%} follows '{source}'", layer=name, share=share, source=linked["source"])
-            for name, share in linked["layers"].items()
-        ]
-        sentences(context, layout, follows, "DOT")
+        sentences(context, layout, _follows(linked["layers"], linked["source"]), "DOT")
+
+
+def _follows(layers: Mapping[str, float], source: str) -> list[Message]:
+    """The share of each layer that follows the source; those that follow it wholly are only counted."""
+    partly = {name: share for name, share in layers.items() if round(share, 2) < 1}
+    wholly = len(layers) - len(partly)
+    rows: list[tuple[str, float]] = [(plural(wholly, "1 layer", "{count} layers"), 1.0)] if wholly else []
+    return [
+        message("{layer}: {share:.0%} follows '{source}'", layer=layer, share=share, source=source)
+        for layer, share in [*rows, *partly.items()]
+    ]

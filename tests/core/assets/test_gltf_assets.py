@@ -137,6 +137,18 @@ def test_gltf_round_trip_keeps_all_data(path: Path, ending: str) -> None:
     assert sum(node.mesh is not None for node in new.gltf.nodes) == 1
 
 
+def test_many_layers_keep_their_numbers(path: Path) -> None:
+    surface = creature(60).surface
+    layers = [
+        Attribute(f"uv {number}", Domain.CORNER, Kind.UV, np.full((len(surface.corner_vertex), 2), number))
+        for number in range(12)
+    ]
+    write_asset(Asset(surface, tuple(layers)), path)
+    found = [each for each in read_asset(path).attributes if each.kind is Kind.UV]
+    assert [each.name for each in found] == [each.name for each in layers]
+    assert [np.unique(each.values).tolist() for each in found] == [[number] for number in range(12)]
+
+
 def test_written_weights_sum_to_one_and_unused_joints_are_zero(path: Path) -> None:
     write_tube(path)
     asset = read_asset(path)

@@ -27,7 +27,8 @@ from zoomout_core.assets.update_asset import update_asset
 from zoomout_core.cli import main
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.mesh.mirror_pairs import mirror_pairs
-from zoomout_core.mesh.simplify import KEPT_TRIANGLES, SIMPLIFICATION
+from zoomout_core.mesh.simplification.collapsing_mesh import KEPT_TRIANGLES
+from zoomout_core.mesh.simplification.quadrics import SIMPLIFICATION
 from zoomout_core.mesh.triangles import area_normals, unit_vectors, vertex_normals
 from zoomout_core.samples import character
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind

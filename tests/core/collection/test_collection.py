@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from creatures import Creature, creature, true_vertex
+from skinned_tubes import write_tube
 
 import zoomout_core as zo
 from zoomout_core.assets.asset import Asset, Material, material_numbers
@@ -46,6 +47,10 @@ POSES = {"a": (0, 0.0), "b": (1, 0.5), "c": (2, 0.8), "d": (3, 0.3)}
 def make_creature(name: str, count: int = 450) -> Creature:
     seed, bend = POSES[name]
     return creature(count, seed=seed, bend=bend, asymmetry=0.3)
+
+
+def colors_of(surface: zo.Surface) -> Attribute:
+    return Attribute("color 0", Domain.POINT, Kind.COLOR, np.clip(0.5 + surface.vertices, 0, 1))
 
 
 @pytest.fixture(scope="module")
@@ -256,8 +261,7 @@ def test_unlikely_maps_transfer_nothing_unless_forced(
     matched: zo.CollectionResult, tmp_path: Path, force: bool
 ) -> None:
     surface = make_creature("a").surface
-    colors = Attribute("color 0", Domain.POINT, Kind.COLOR, np.clip(0.5 + surface.vertices, 0, 1))
-    write_asset(Asset(surface, (colors,)), tmp_path / "a.glb")
+    write_asset(Asset(surface, (colors_of(surface),)), tmp_path / "a.glb")
     pair = PairName("a", "b")
     doubted = replace(
         matched,
@@ -290,6 +294,55 @@ def test_command_transfers_a_template_to_all_and_reports(folder: Path, tmp_path:
     assert "<b>b</b>" in (tmp_path / "out" / "report.html").read_text()
     assert read_asset(tmp_path / "out" / "meshes" / "b.glb").find("color 0") is not None
     assert not (tmp_path / "out" / "cache").exists()
+
+
+@pytest.fixture(scope="module")
+def tubes(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """A tube with joints and an animation, and a folder with a larger one without joints."""
+    place = tmp_path_factory.mktemp("tubes")
+    write_tube(place / "hero.glb")
+    surface = zo.read_surface(place / "hero.glb")
+    (place / "scans").mkdir()
+    write_shape(surface.with_vertices(surface.vertices * 3), place / "scans" / "large.ply")
+    return place / "hero.glb", place / "scans"
+
+
+def test_template_s_rig_moves_into_every_mesh_once(tubes: tuple[Path, Path], tmp_path: Path) -> None:
+    hero, scans = tubes
+    arguments = ["collection", scans, "-o", tmp_path / "out", "--template", hero, "--transfer", "--force", "--json"]
+    arguments += ["--workers", 1, "--detail", "fast", "--no-pictures"]
+    said = []
+    for more in ([], ["--move-rig"], ["--move-rig"]):
+        written = tmp_path / "out" / "meshes" / "large.glb"
+        before = written.stat().st_mtime_ns if written.exists() else 0
+        result = CliRunner().invoke(main, [*map(str, arguments), *more])
+        assert result.exit_code == 0, result.stdout + result.stderr
+        said.append((written.stat().st_mtime_ns != before, json.loads(result.stdout), read_asset(written)))
+    (_, stays, kept), (again, moves, moved), (thrice, resumed, _) = said
+    assert (again, thrice) == (True, False)
+    assert resumed["transferred"] == moves["transferred"]
+    assert resumed["motions"] == moves["motions"]
+    assert len(moves["motions"]["large"]) == 1
+    assert "motions" not in stays
+    source = read_asset(hero)
+    assert source.skin is not None
+    assert moved.skin is not None
+    assert kept.skin is not None
+    apart = [np.linalg.norm(np.linalg.inv(each.skin.inverse_bind)[-1, :3, 3]) for each in (source, kept, moved)]
+    np.testing.assert_allclose(np.divide(apart[1:], apart[0]), [1, 3], rtol=0.1)
+    assert "<h2>Transferred</h2>" in (tmp_path / "out" / "report.html").read_text()
+
+
+def test_moving_a_rig_needs_joints(folder: Path, tmp_path: Path) -> None:
+    arguments = ["collection", folder, "-o", tmp_path / "out", "--template", folder / "a.ply", "--move-rig"]
+    for more in ([], ["--transfer", "--kinds", "uv"]):
+        result = CliRunner().invoke(main, [*map(str, arguments), *more])
+        assert (result.exit_code, "--move-rig moves the joints" in result.stderr) == (2, True)
+    surface = zo.read_surface(folder / "a.ply")
+    write_asset(Asset(surface, (colors_of(surface),)), tmp_path / "hero.glb")
+    arguments[5] = tmp_path / "hero.glb"
+    result = CliRunner().invoke(main, [*map(str, arguments), "--transfer"])
+    assert (result.exit_code, "--move-rig has no joints of" in result.stderr) == (1, True)
 
 
 @pytest.mark.parametrize(

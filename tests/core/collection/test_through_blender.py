@@ -106,7 +106,8 @@ def test_blender_reads_and_transfers_once_and_failing_files_fail_alone(
     program: Path, folder: Path, tmp_path: Path
 ) -> None:
     output = tmp_path / "out"
-    more = "--template", folder / "hero.blend", "--transfer", "--blender", program, "--kinds", "uv,weights"
+    more = ["--template", folder / "hero.blend", "--transfer", "--blender", program, "--kinds", "uv,weights"]
+    more += ["--move-rig"]
     status, _ = run(folder, output, *more)
     assert status == 3
     asked = calls(program)
@@ -121,7 +122,7 @@ def test_blender_reads_and_transfers_once_and_failing_files_fail_alone(
     assert set(targets) == {"scan.", "other", "naked", "last-"}
     assert Path(targets["last-"][2]).suffix == ".ply"
     line = " ".join(targets["scan."])
-    assert "--data uv_maps vertex_groups --bind --replace-binding" in line
+    assert "--data uv_maps vertex_groups --bind --replace-binding --move-rig" in line
     made = {path.name for path in (output / "meshes").iterdir()}
     assert made == {"scan.blend", "other.blend", "last.blend"}
     report = json.loads((output / "report.json").read_text())

@@ -18,8 +18,10 @@ import zoomout_core as zo
 from zoomout_core.assets.asset import Asset, Skin
 from zoomout_core.assets.files import read_asset, write_asset
 from zoomout_core.cli import main
+from zoomout_core.collection.carried import Carried
 from zoomout_core.colors import place_colors
 from zoomout_core.library import find_all as batch
+from zoomout_core.library import transfers
 from zoomout_core.library.bodies import Body, bodies_of
 from zoomout_core.library.library import Library
 from zoomout_core.library.pictures import draw_bound, draw_colored
@@ -138,19 +140,19 @@ def test_blender_transfers_from_its_own_files(
         read.append((path, role, known))
         write_shape(zo.read_surface(library / "hero.glb" if role == "source" else path), output)
 
-    def carry_pair(source: Path, target: Path, map_file: Path, output: Path, *rest: object) -> tuple[str, ...]:
+    def carry_pair(source: Path, target: Path, map_file: Path, output: Path, *rest: object) -> Carried:
         assert (source, target) == (best.path, scans / "scan.ply")
         zo.SurfaceMap.load(map_file, zo.read_surface(library / "hero.glb"))
         assert rest[-1] is moves
         output.parent.mkdir(parents=True)
         output.write_text("written by Blender")
-        return ("Blender said this.",)
+        return Carried(("Blender said this.",))
 
     drawn: list[np.ndarray] = []
     draw_pair = batch.draw_pair
     monkeypatch.setattr(batch, "draw_pair", lambda result: drawn.append(result.source.vertices) or draw_pair(result))
-    monkeypatch.setattr(batch, "read_item", read_item)
-    monkeypatch.setattr(batch, "carry_pair", carry_pair)
+    monkeypatch.setattr(transfers, "read_item", read_item)
+    monkeypatch.setattr(transfers, "carry_pair", carry_pair)
     code, report = run(scans / "scan.ply", "--library", library, "-o", tmp_path / "out", option, "--force")
     assert not report["failures"]
     (row,) = report["targets"]
@@ -187,7 +189,7 @@ def test_source_of_a_part_gives_its_joints_to_the_written_target(
     # Without --parts it is only proposed, as it is if its match is wrong.
     report = run(*arguments, "--move-rig", "--force")[1]
     assert str(part.sentence) in report["targets"][0]["notes"]
-    monkeypatch.setattr(batch, "check_verdict", lambda *_: None)
+    monkeypatch.setattr(transfers, "check_verdict", lambda *_: None)
     red = zo.Verdict("red", "It is wrong.", "")
     monkeypatch.setattr(zo.MatchResult, "verdict", property(lambda _: red))
     report = run(*arguments, "--move-rig", "--parts")[1]

@@ -103,17 +103,25 @@ def test_progress_of_bending_follows_that_of_refining(result: zo.MatchResult, mo
             advance(fraction)
         return Fit.of_map(refined)
 
+    def averaging(fit: Fit, *_: Any) -> Fit:
+        advance(0.5)
+        advance(1.0)
+        return fit
+
     monkeypatch.setattr(dense_map, "refine_candidate", refining)
     monkeypatch.setattr(dense_map, "refine", refining)
     monkeypatch.setattr(dense_map, "fit_nonrigid", bending)
+    monkeypatch.setattr(dense_map, "average_both_ways", averaging)
     monkeypatch.setattr(dense_map, "pin_extremities", lambda *_: None)
     monkeypatch.setattr(dense_map, "confidence_of", lambda *_: (np.ones(240), 0.0))
     monkeypatch.setattr(dense_map, "partners_by_cycle", lambda *_: None)
     fractions = fractions_of(lambda: dense_map.dense_map(result.pair, result.candidates[0]))
     assert fractions == sorted(fractions)
-    # The map is refined and then bent; the reverse map is only refined.
-    forwards = [2 * fraction for fraction in fractions if fraction < 0.5]
+    # The map is refined and then bent; the reverse map is only refined. Both registrations are then averaged.
+    half = dense_map.AVERAGING / 2
+    forwards = [fraction / half for fraction in fractions if fraction < half]
     assert forwards == pytest.approx([0.0, 0.3, 0.6, 0.6, 0.8])
+    assert (dense_map.AVERAGING + 1) / 2 in fractions
     assert fractions[-1] == 1
 
 

@@ -153,14 +153,16 @@ def test_fragments_are_not_rescaled_if_likely_in_their_unit(monkeypatch: pytest.
     assert bool(tried) != fragments
 
 
-@pytest.mark.parametrize(("by_whole", "by_part", "tried"), [(0.8, 0.3, True), (0.92, 0.3, False), (0.3, 0.6, False)])
+@pytest.mark.parametrize(
+    ("by_whole", "by_part", "tried"), [(0.8, 0.3, True), (0.92, 0.3, False), (0.3, 0.7, True), (0.3, 0.8, False)]
+)
 def test_other_units_are_tried_only_if_no_map_is_convincing(
     monkeypatch: pytest.MonkeyPatch, by_whole: float, by_part: float, tried: bool
 ) -> None:
     known: list[float] = []
     monkeypatch.setitem(globals(), "without_fragment", lambda *given: known.append(given[2]))
     choose_map(monkeypatch, by_whole, by_part)
-    assert known == ([by_whole] if tried else [])
+    assert known == ([max(by_whole, by_part)] if tried else [])
 
 
 @pytest.mark.parametrize(

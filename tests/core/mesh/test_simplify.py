@@ -6,10 +6,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-import zoomout_core.mesh.simplify as simplification
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.mesh.mirror_pairs import mirror_moves, mirror_pairs
-from zoomout_core.mesh.simplify import KEPT_TRIANGLES, SIMPLIFICATION, simplify
+from zoomout_core.mesh.simplification import collapsing_mesh
+from zoomout_core.mesh.simplification import simplify as simplification
+from zoomout_core.mesh.simplification.collapsing_mesh import KEPT_TRIANGLES, CollapsingMesh
+from zoomout_core.mesh.simplification.quadrics import SIMPLIFICATION
+from zoomout_core.mesh.simplification.simplify import simplify
 from zoomout_core.samples.grids import grid_faces, triangles_of
 from zoomout_core.samples.spheres import ball, outward_hull
 from zoomout_core.tuning import retune
@@ -177,7 +180,7 @@ def test_nearly_symmetric_meshes_are_simplified_accurately(part: str, monkeypatc
         return float(np.linalg.norm(points - nearest, axis=1).mean())
 
     mended = error()
-    monkeypatch.setattr(simplification._State, part, lambda *_: None)
+    monkeypatch.setattr(CollapsingMesh, part, lambda *_: None)
     assert mended < 0.92 * error()
 
 
@@ -211,7 +214,7 @@ def test_sides_of_a_thin_part_do_not_merge(monkeypatch: pytest.MonkeyPatch) -> N
         return float(np.linalg.det(points[made[made[:, 0] < len(cube)]]).sum() / np.linalg.det(points[slab]).sum())
 
     assert volume_of_slab() > 0.3
-    monkeypatch.setattr(simplification, "MIN_OPENING", 0.0)
+    monkeypatch.setattr(collapsing_mesh, "MIN_OPENING", 0.0)
     assert volume_of_slab() < 0.05
 
 
@@ -227,5 +230,5 @@ def test_sheets_with_two_sides_are_simplified(monkeypatch: pytest.MonkeyPatch) -
         return len(np.unique(triangles.ravel()[corners]))
 
     assert vertices_left() <= 12
-    monkeypatch.setattr(simplification, "KEPT_OPENING", 9.0)
+    monkeypatch.setattr(collapsing_mesh, "KEPT_OPENING", 9.0)
     assert vertices_left() > 18

@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from zoomout_core.assets.asset import MATERIALS
 from zoomout_core.assets.files import read_asset
 from zoomout_core.assets.stored_map import StoredMap
 from zoomout_core.mesh.surface import MeshError
-from zoomout_core.outfits.parts import keep_faces, split_avatar
+from zoomout_core.outfits.parts import hair_objects, is_hair, keep_faces, split_avatar
 
 
 def test_body_and_worn_parts_are_separated_by_name(dolls: Path) -> None:
@@ -61,3 +62,32 @@ def test_kept_faces_keep_their_data(dolls: Path) -> None:
         assert old is not None
         assert new is not None
         assert len(new.values) == len(old.values) / len(chosen) * chosen.sum()
+
+
+@pytest.mark.parametrize(
+    ("name", "materials", "found"),
+    [
+        ("ShortHair", (), True),
+        ("Hair001", ("Cloth",), True),
+        ("Mesh", ("Hair_Front", "Hair_Back"), True),
+        ("Mesh", ("Hair", "Ribbon"), False),
+        ("braid01", (), True),
+        ("PonyTail", (), True),
+        ("HairBand", ("Hairpin",), False),
+        ("Chair", (), False),
+        ("Shirt", (), False),
+    ],
+)
+def test_hair_is_recognised_by_name(name: str, materials: tuple[str, ...], *, found: bool) -> None:
+    assert is_hair(name, materials) == found
+
+
+def test_hair_of_a_file_is_recognised(dolls: Path) -> None:
+    worn = split_avatar(read_asset(dolls / "dressed.glb")).worn
+    assert worn is not None
+    assert hair_objects(worn) == [False, False]
+    (_, shirt), trousers = worn.objects
+    assert hair_objects(replace(worn, objects=(("Hair", shirt), trousers))) == [True, False]
+    last = int(np.asarray(worn.find(MATERIALS).values)[-1])  # type: ignore[union-attr]
+    materials = [replace(each, name="Hair") if number == last else each for number, each in enumerate(worn.materials)]
+    assert hair_objects(replace(worn, materials=tuple(materials))) == [False, True]

@@ -88,6 +88,15 @@ def test_parts_selected_by_patterns_keep_their_shape(parts: AvatarParts, target:
         assert (bent < 1e-3) == (name == "Shirt")
 
 
+def test_objects_named_like_hair_are_fitted_as_hair(parts: AvatarParts, dressed: DressedAvatar, target: Asset) -> None:
+    assert parts.worn is not None
+    (_, count), trousers = parts.worn.objects
+    hair = replace(parts.worn, objects=(("Hair", count), trousers))
+    found = dress_avatar(parts.body.surface.vertices * WIDER, parts.body, hair, target)
+    off = np.linalg.norm(found.clothes.surface.vertices - dressed.clothes.surface.vertices, axis=1)
+    assert off[:count].mean() > 3 * off[count:].mean()
+
+
 def test_clothes_have_the_keys_of_the_body(dressed: DressedAvatar) -> None:
     keys = dressed.clothes.find(SHAPE_KEYS)
     assert keys is not None

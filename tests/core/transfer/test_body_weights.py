@@ -9,7 +9,7 @@ from scipy.sparse import csr_array
 
 import zoomout_core as zo
 from zoomout_core.samples.spheres import ball
-from zoomout_core.transfer import WeightedBody, follow_weights
+from zoomout_core.transfer import WeightedBody, follow_weights, moving_with_skin
 from zoomout_core.transfer.dressing import body_weights
 from zoomout_core.tuning import retune
 
@@ -75,3 +75,16 @@ def test_number_of_bones_per_vertex_is_limited(monkeypatch: pytest.MonkeyPatch) 
     other = WeightedBody(BODY, csr_array((bend(BODY.vertices, 0.3).toarray() > 0.5).astype(float)))
     (found,) = follow_weights(WeightedBody(BODY, rigid), other, [SHIRT], [SHIRT.vertices], [given])
     assert np.diff(found.indptr).max() == 1
+
+
+def test_cloth_moves_with_the_skin_as_far_as_it_shares_its_bones() -> None:
+    body, given = WeightedBody(BODY, bend(BODY.vertices, 0.0)), bend(SHIRT.vertices, 0.0)
+    stiff = np.zeros_like(given.toarray())
+    stiff[:, 0] = 1
+    other = np.roll(stiff, 3, axis=1)
+    same, hanging, apart, none = moving_with_skin(body, [SHIRT] * 4, [given, csr_array(stiff), csr_array(other), None])
+    assert none is None
+    np.testing.assert_allclose(same, 1)
+    np.testing.assert_allclose(apart, 0, atol=1e-12)
+    # Half of the weights in common is enough.
+    np.testing.assert_allclose(hanging, np.minimum(2 * given.toarray()[:, 0], 1), atol=0.1)

@@ -201,6 +201,26 @@ def test_prop_stays_rigid_and_outside_the_skin() -> None:
     assert off_egg(found).min() > -0.01
 
 
+def test_hair_hangs_as_a_whole_and_follows_the_skin_at_its_roots() -> None:
+    wig = ball(1.02, count=600, seed=5)
+    wig = Surface(wig.vertices, wig.triangles[wig.vertices[wig.triangles][:, :, 2].min(axis=1) > 0.5])
+    tail = ball(0.1, centre=(1.35, 0, -0.2), radii=(0.2, 2, 6), count=200)
+    # The body grows at the tail, and has a dent below the top of the wig.
+    towards = np.array([1.0, 0, -0.2]) / np.linalg.norm([1.0, 0, -0.2])
+    beside = np.exp(-((1 - BODY.vertices @ towards) ** 2) / 0.1)
+    above = np.exp(-((1 - BODY.vertices[:, 2]) ** 2) / 0.01)
+    grown = BODY.with_vertices(BODY.vertices * (1 + 0.25 * beside - 0.06 * above)[:, None])
+    soft, hair = (
+        carry(BODY, grown.vertices, grown, [wig, tail], manners=[manner] * 2).vertices for manner in ("soft", "hair")
+    )
+    off = [np.linalg.norm(found[1] - tail.vertices, axis=1).mean() for found in (soft, hair)]
+    assert off[0] > 0.15
+    assert off[1] < 0.5 * off[0]
+    worn = np.unique(wig.triangles)
+    top = worn[wig.vertices[worn, 2].argmax()]
+    assert hair[0][top, 2] < 0.98
+
+
 def test_strands_keep_their_roots_on_the_skin_and_turn_with_it() -> None:
     roots = ball(1, count=40, seed=4).vertices
     strands = np.concatenate([roots * (1 + 0.05 * number) for number in range(5)])

@@ -11,6 +11,7 @@ from zoomout_core.mesh.surface import Surface
 from zoomout_core.samples.spheres import ball
 from zoomout_core.transfer.dressing.joint_alignment import JOINT_ALIGNMENT, JointPairs, align_joints
 from zoomout_core.transfer.rigging.bone_pairs import Skeleton
+from zoomout_core.transfer.rigging.joints import move_joints
 
 # A rod along z with joints in it.
 BODY = ball(1.0, radii=(0.15, 0.15, 1), count=3000, seed=1)
@@ -128,3 +129,13 @@ def test_bones_without_a_partner_count_for_the_one_above() -> None:
 def test_bones_of_the_same_place_only_are_no_partners() -> None:
     others = Skeleton(tuple(f"Other {number}" for number in range(9)), PARENTS, HEADS)
     assert len(JointPairs.of(BONES, WEIGHTS, others).before) == 0
+
+
+def test_joints_and_shapes_that_are_not_finite_are_refused() -> None:
+    broken = np.where(np.arange(9)[:, None] == 3, np.nan, HEADS)
+    with pytest.raises(ValueError, match=r"Some joints are not finite: give finite positions \(j, 3\)"):
+        align(SLID, broken)
+    with pytest.raises(ValueError, match=r"Some joints are not finite: give finite positions \(j, 3\)"):
+        move_joints(BODY, SLID, broken)
+    with pytest.raises(ValueError, match=r"vertices are of the shape .* or not finite: give finite ones"):
+        align(np.where(MIDDLE[:, None], np.nan, SLID))

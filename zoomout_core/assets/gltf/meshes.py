@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from zoomout_core.arrays import Floats, Integers
-from zoomout_core.assets.asset import COLOR, MATERIALS, NORMALS, SHAPE_KEYS, UV, Asset, on_corners
+from zoomout_core.assets.asset import COLOR, MATERIALS, NORMALS, SHAPE_KEYS, UV, Asset, layers_of, on_corners
 from zoomout_core.mesh.affine_maps import normalise
 from zoomout_core.mesh.formats.gltf_document import (
     ARRAY_BUFFER,
@@ -325,8 +325,7 @@ def _corner_rows(asset: Asset, positions: Floats, linear: Floats | None, triangl
     if asset.stored_map is not None:
         rows[PLACE] = asset.stored_map.rows[surface.corner_vertex]
     for kind, name in ((UV, "TEXCOORD"), (COLOR, "COLOR")):
-        found = [attribute for attribute in asset.attributes if attribute.name.startswith(f"{kind} ")]
-        for number, attribute in enumerate(sorted(found, key=lambda each: each.name)):
+        for number, attribute in enumerate(layers_of(asset.attributes, kind)):
             values = on_corners(attribute, surface)
             rows[f"{name}_{number}"] = values * [1, -1] + [0, 1] if kind == UV else _rgba(values)
     return rows

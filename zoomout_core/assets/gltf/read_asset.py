@@ -10,7 +10,18 @@ import numpy as np
 from scipy.sparse import csr_array, vstack
 
 from zoomout_core.arrays import Floats
-from zoomout_core.assets.asset import COLOR, NORMALS, SHAPE_KEYS, UV, Asset, Material, Skin, material_numbers, to_rest
+from zoomout_core.assets.asset import (
+    COLOR,
+    NORMALS,
+    SHAPE_KEYS,
+    UV,
+    Asset,
+    Material,
+    Skin,
+    by_number,
+    material_numbers,
+    to_rest,
+)
 from zoomout_core.assets.stored_map import StoredMap, stored_map_from
 from zoomout_core.mesh.affine_maps import normalise
 from zoomout_core.mesh.formats.gltf_document import INSTANCES, STORED_MAP, Document
@@ -99,7 +110,7 @@ def _without_weights(path: Path, meshes: Sequence[GltfMesh]) -> list[str]:
 def _corner_attributes(meshes: Sequence[GltfMesh], matrices: Sequence[Floats]) -> list[Attribute]:
     """Texture coordinates, colours and normals of all corners; zero, or white, if a mesh has none."""
     found = []
-    for name in sorted({name for mesh in meshes for name in mesh.corners}):
+    for name in sorted({name for mesh in meshes for name in mesh.corners}, key=by_number):
         width = max(mesh.corners[name].shape[1] for mesh in meshes if name in mesh.corners)
         blank = 1.0 if name.startswith("COLOR_") else 0.0
         values = [

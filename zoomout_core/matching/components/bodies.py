@@ -78,6 +78,6 @@ def find_bodies(source: Surface, target: Surface, seed: int) -> list[Bodies]:
 
 
 def tight_bodies(source: Surface, target: Surface, shares: Floats) -> Bodies:
-    """Hulls that separate touching limbs, for pairs that other bodies match with doubt; `shares` as theirs."""
+    """Hulls that separate touching limbs, if the match of other bodies is uncertain; `shares` (c,) are theirs."""
     hulls = for_each(partial(cached_hull, tight=True), (source, target))
     return Bodies(hulls[0], hulls[1], 1.0, shares)

@@ -58,7 +58,7 @@ class LiftedMap(NamedTuple):
 
 
 def lift(pair: Pair, fit: Fit, confidence: Floats, partners: Partners) -> LiftedMap:
-    """The map between the shapes' meshes as a map between the surfaces, in their own numbers."""
+    """Extend the map between the proxies, with confidence (n_proxy,), to the full surfaces, component by component."""
     if pair.target_shape.proxy.full.is_hull:
         return _from_shells(pair, map_shells(pair, fit, confidence, partners))
     source, target = pair.source_shape.proxy, pair.target_shape.proxy

@@ -92,35 +92,34 @@ class PartMotions:
         return points, normals
 
 
+class MovedTarget(NamedTuple):
+    """The target's working mesh, moved onto the source by the map of the body."""
+
+    points: Floats  # (n, 3) its vertices
+    normals: Floats  # (n, 3) their normals
+    motion: SimilarityField
+    in_place: bool  # whether the two surfaces overlap, and are not moved
+
+
 def fit_motions(
-    part: Integers,
-    points: Floats,
-    normals: Floats,
-    usable: Booleans,
-    surface: OrientedSurface,
-    triangles: Integers,
-    source: Side,
-    target: Side,
-    motion: SimilarityField,
+    part: Integers, moved: MovedTarget, usable: Booleans, surface: OrientedSurface, source: Side, target: Side
 ) -> PartMotions:
     """Register the parts of a source, or their pieces, to the vertices that map to them.
 
     Args:
         part: (n,) the part that each vertex of the target maps to.
-        points: (n, 3) the vertices, moved to the source by the body's map.
-        normals: (n, 3) theirs there.
+        moved: the target, moved to the source.
         usable: (n,) which vertices to register by.
         surface: triangles of the source, grouped by part.
-        triangles: (m, 3) these.
         source: the surface with the parts.
         target: the surface whose vertices are mapped.
-        motion: that moved the vertices.
     """
+    points, normals, motion, _ = moved
     count = int(source.mesh.component.max()) + 1
 
     def closest(places: Floats, turned: Floats, of_part: Integers) -> tuple[Floats, Floats]:
         triangle, barycentric, distance = surface.closest(places, turned, of_part)
-        return np.einsum("nc,ncx->nx", barycentric, source.points[triangles[triangle]]), distance
+        return surface.points_at(triangle, barycentric), distance
 
     def register(vertex: Integers, piece: Integers, scales: tuple[float, float]) -> _Registration:
         start = points[vertex], normals[vertex]

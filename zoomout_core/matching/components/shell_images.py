@@ -17,9 +17,8 @@ from zoomout_core.geometry.closest_points import closest_on_triangles
 from zoomout_core.geometry.oriented_closest_points import OrientedSurface, surface_samples
 from zoomout_core.geometry.procrustes import Similarities
 from zoomout_core.matching.components.part_borders import straighten_borders
-from zoomout_core.matching.components.part_motions import fit_motions
+from zoomout_core.matching.components.part_motions import MovedTarget, fit_motions
 from zoomout_core.matching.components.parts import Part, Side
-from zoomout_core.matching.components.similarity_field import SimilarityField
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 from zoomout_core.mesh.triangles import unique_edges
 from zoomout_core.tuning import Tuning, tuned
@@ -140,20 +139,11 @@ def uncover(image: Image, points: Floats, normals: Floats, source: Side, visible
 
 
 def move_to_parts(
-    image: Image,
-    points: Floats,
-    normals: Floats,
-    movable: Booleans,
-    among: Integers,
-    source: Side,
-    target: Side,
-    motion: SimilarityField,
-    in_place: bool,
+    image: Image, moved: MovedTarget, movable: Booleans, among: Integers, source: Side, target: Side
 ) -> None:
     """Move images of vertices (n,) that are movable to the parts that are nearest, with clean borders, in place.
 
-    The vertices are at `points` (n, 3) with `normals` (n, 3), and map to the triangles `among` (m,). Rigid parts move
-    by themselves, unless the surfaces are in place.
+    The vertices map to the triangles `among` (m,). Rigid parts move by themselves, unless the surfaces are in place.
     """
     component, triangles = source.mesh.component[source.mesh.triangles[:, 0]], source.mesh.triangles[among]
     if component.max() == 0 or not len(among):
@@ -162,8 +152,8 @@ def move_to_parts(
         source.points, triangles, source.mesh.flipped[among], SHELL_IMAGES.normal_weight, component[among]
     )
     part = component[image.triangle]
-    usable = movable & surface.has_group(part) & (not in_place)
-    motions = fit_motions(part, points, normals, usable, surface, triangles, source, target, motion)
+    usable = movable & surface.has_group(part) & (not moved.in_place)
+    motions = fit_motions(part, moved, usable, surface, source, target)
     vertices, on, barycentric, distance = straighten_borders(
         image.triangle, image.distance, movable, motions, surface, source
     )

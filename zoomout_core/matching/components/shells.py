@@ -10,7 +10,6 @@ Lengths are at unit area of the hull.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -20,6 +19,7 @@ from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.geometry.oriented_closest_points import OrientedSurface
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.components.overlap import leaves_in_place, overlapping
+from zoomout_core.matching.components.part_motions import MovedTarget
 from zoomout_core.matching.components.parts import MAX_PAIRED_PARTS, Side
 from zoomout_core.matching.components.shell_images import (
     SHELL_IMAGES,
@@ -74,22 +74,13 @@ class ShellMap:
     in_place: bool  # whether the two surfaces overlap, and are not moved
 
 
-class _MovedTarget(NamedTuple):
-    """The target's working mesh, moved by the map between the hulls."""
-
-    points: Floats  # (n, 3) its vertices
-    normals: Floats  # (n, 3) their normals
-    motion: SimilarityField
-    in_place: bool  # whether the two surfaces overlap, and are not moved
-
-
 def map_shells(pair: Pair, fit: Fit, confidence: Floats, of_hulls: Partners) -> ShellMap:
     """Map the shells of two surfaces, given the map between their hulls, its confidence (n,) and its partners."""
     source = Side.of(pair.source, pair.source_shape.proxy.full)
     target = Side.of(pair.target, pair.target_shape.proxy.full)
     motion, in_place = _motion(pair, fit, confidence)
     points, normals, around = carry_in_blocks(motion, target.points, target.mesh.vertex_normals)
-    moved = _MovedTarget(points, normals, motion, in_place)
+    moved = MovedTarget(points, normals, motion, in_place)
     image = _map_outsides(pair, moved, source, target)
     confidence = np.clip(around, 0, 1) / (1 + (image.distance / SHELLS.half_distance) ** 2)
     has_partner = _find_partners(pair, points, image.distance, source, target, None if in_place else of_hulls)
@@ -101,16 +92,16 @@ def map_shells(pair: Pair, fit: Fit, confidence: Floats, of_hulls: Partners) -> 
     return ShellMap(surface_map, confidence, has_partner, paired, alone, in_place)
 
 
-def _map_outsides(pair: Pair, moved: _MovedTarget, source: Side, target: Side) -> Image:
+def _map_outsides(pair: Pair, moved: MovedTarget, source: Side, target: Side) -> Image:
     """The images of all vertices, those of outer parts on visible outer parts."""
-    points, normals, motion, in_place = moved
+    points, normals, _, in_place = moved
     of_source, of_target = near_hull(source, pair.source_shape), near_hull(target, pair.target_shape)
     image = find_beneath(points, normals, source, of_source, of_target, in_place)
     visible, may_lift = of_source & ~find_covered(source, of_source), of_target & ~find_covered(target, of_target)
     if not in_place:
         uncover(image, points, normals, source, visible, may_lift)
     among = np.flatnonzero(visible[source.mesh.triangles].any(axis=1) | in_place)
-    move_to_parts(image, points, normals, of_target, among, source, target, motion, in_place)
+    move_to_parts(image, moved, of_target, among, source, target)
     return image
 
 
@@ -119,7 +110,7 @@ def _map_pairs(
     confidence: Floats,
     has_partner: Partners,
     pair: Pair,
-    moved: _MovedTarget,
+    moved: MovedTarget,
     source: Side,
     target: Side,
 ) -> int:

@@ -84,7 +84,7 @@ class SimilarityField:
 
 
 def carry_in_blocks(motion: SimilarityField, points: Floats, normals: Floats) -> tuple[Floats, Floats, Floats]:
-    """`SimilarityField.carry` for any number of points."""
+    """`SimilarityField.carry` for any number of points (n, 3), in blocks that bound the memory."""
     pieces = np.array_split(np.arange(len(points)), 1 + len(points) // AT_ONCE)
     places, turned, confidence = zip(*(motion.carry(points[some], normals[some]) for some in pieces), strict=True)
     return np.concatenate(places), np.concatenate(turned), np.concatenate(confidence)

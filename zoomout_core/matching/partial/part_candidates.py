@@ -32,9 +32,9 @@ class PartCandidateTuning(Tuning, set_by="partial"):
     regions: int = tuned(4, "regions", 0, 100)  # number of regions of the part that are searched for separately
     regions_of_small: int = tuned(1, "regions", 0, 100)  # the same for a small part, as the whole has regions, too
     landmarks_in_region: int = tuned(6, "landmarks", 3, 100)  # number of landmarks in each region
-    extended: int = tuned(6, "assignments", 1, 1000)  # most promising assignments, which are extended to all places
+    extended: int = tuned(6, "assignments", 1, 1000)  # assignments with the cheapest maps, extended to all places
     same_map: float = tuned(0.05, "length", 0, 10)  # mean distance of images below which two maps are the same
-    registered: int = tuned(12, "maps", 1, 1000)  # most promising maps, by which the part is registered coarsely
+    registered: int = tuned(12, "maps", 1, 1000)  # cheapest maps, by which the part is registered coarsely
     compared: int = tuned(4, "maps", 1, 1000)  # number of these by which it is registered finely
     # Number of maps of either search between two fragments that are registered again. Without this, one right map of
     # seven pairs of animals is lost (fits of -2.75 and -2.63 become -2.62 and -2.81). No third map becomes the first
@@ -42,7 +42,7 @@ class PartCandidateTuning(Tuning, set_by="partial"):
     registered_again: int = tuned(2, "maps", 0, 1000)
     surroundings: float = tuned(0.2, "length", 1e-3, 10)  # Gaussian width of surroundings that rotate together
     near_cut: float = tuned(0.02, "length", 0, 10)  # places may have no partner if their images are nearer to a cut
-    facing: float = tuned(1.0, "1", 0, 100)  # weight in the promise of the log mean deviation of normals
+    facing: float = tuned(1.0, "1", 0, 100)  # weight in the cost of a map of the log mean deviation of normals
     bend: float = tuned(0.5, "1", 0, 100)  # weight of the mean distance from rotated surroundings
     distance: float = tuned(0.2, "1", 0, 100)  # weight of the mean change of geodesic distances
     unlikeness: float = tuned(0.5, "1", 0, 100)  # weight of the mean unlikeness of places
@@ -61,14 +61,17 @@ class PartCandidate:
     region: Region  # the part and the region, which may be the whole
     places: Integers  # (d_p,) for each place of the part that of the region
     registered: RegisteredPart  # the part, registered by it
-    scores: dict[str, float]  # promise, those of the registered part, and its fit: the lowest is the most likely
+    scores: dict[
+        str, float
+    ]  # cost of the map, those of the registered part, and its fit: the lowest is the most likely
     start: Floats | None = None  # (n, 3) the part's vertices by the rigid placement that it was registered from, if any
+    finished: RegisteredPart | None = None  # the part, registered with the nodes of a final map, if it was compared so
 
 
 class _Found(NamedTuple):
-    """A map of the places of a part (d_p,) to those of a region, and what it promises, the less the better."""
+    """A map of the places of a part (d_p,) to those of a region, with its cost before the part is registered."""
 
-    promise: float
+    cost: float  # the lowest is the best
     region: Region
     places: Integers
     start: Floats | None = None  # (n, 3) where it places the part's vertices, if it is rigid
@@ -83,7 +86,7 @@ def part_candidates(
     """Maps of a part to a whole, or to regions of it, which compete, the most likely first.
 
     Each of two fragments has regions that the other one lacks, so that few landmarks have a partner. So fragments are
-    placed rigidly, too. Promises of both searches are not comparable, so the best maps of each are registered again and
+    placed rigidly, too. Costs of the two searches are not comparable, so the best maps of each are registered again and
     compared by fit. Fragments may be likely to stand `upright` in their files.
     Maps from elsewhere compete: `given` are places of the whole (d_p,) for each place of the part.
     """
@@ -129,7 +132,7 @@ def _placed_candidates(region: Region, upright: bool) -> list[PartCandidate]:
     """Maps of a part by its rigid placements on a region, registered finely, the most likely first."""
     with portion(0.0, 0.4):
         placements = rigid_placements(region.part, region.whole)
-    found = [_Found(_promise(one.places, region), region, one.places, one.positions) for one in placements]
+    found = [_Found(_map_cost(one.places, region), region, one.places, one.positions) for one in placements]
     with portion(0.4, 0.8):
         sifted = _by_fit(for_each(_register, found), upright)
     with portion(0.8, 1.0):
@@ -142,7 +145,7 @@ def rough_candidates(
     most: int,
     given: Sequence[Integers] = (),
 ) -> list[PartCandidate]:
-    """Maps of a part to a whole, with coarse registration by the `most` promising only, the most likely first.
+    """Maps of a part to a whole, with coarse registration by the `most` cheapest only, the most likely first.
 
     Regions compete. The sets are those of landmarks by which the part is searched for. Maps (d_p,) to the first region
     may be given, too.
@@ -152,12 +155,12 @@ def rough_candidates(
 
     def search_from(task: tuple[Region, Integers]) -> list[_Found]:
         region, landmarks = task
-        return [_Found(_promise(places, region), region, places) for places in _search(landmarks, region)]
+        return [_Found(_map_cost(places, region), region, places) for places in _search(landmarks, region)]
 
     tasks = [(region, landmarks) for region in regions for landmarks in sets]
     with portion(0.0, 0.5):
-        found = sorted(chain(*for_each(search_from, tasks)), key=lambda one: one.promise)
-    others = [_Found(_promise(places, regions[0]), regions[0], places) for places in given]
+        found = sorted(chain(*for_each(search_from, tasks)), key=lambda one: one.cost)
+    others = [_Found(_map_cost(places, regions[0]), regions[0], places) for places in given]
     ahead = _differing([*others, *_differing(found, most)], len(found) + len(others))
     with portion(0.5, 1.0):
         return _by_fit(for_each(_register, ahead))
@@ -186,7 +189,7 @@ def _search(landmarks: Integers, region: Region) -> list[Integers]:
     part, whole, unlike = region.part, region.whole, region.unlike
     placed = assignments(landmarks, unlike, part, whole)
     few = [place_few(landmarks, placed[i], unlike, part, whole) for i in distinct(placed, whole)]
-    few.sort(key=lambda places: _promise(places, region))
+    few.sort(key=lambda places: _map_cost(places, region))
     return [place_all(places, unlike, part, whole) for places in few[: PART_CANDIDATES.extended]]
 
 
@@ -198,8 +201,8 @@ def images_apart(one: _Found | PartCandidate, other: _Found | PartCandidate) -> 
     return float(np.linalg.norm(images - others, axis=1).mean() / one.region.unit)
 
 
-def _promise(places: Integers, region: Region) -> float:
-    """The promise of a map of places before the part is registered by it; the lowest is the best.
+def _map_cost(places: Integers, region: Region) -> float:
+    """The cost of a map of places before the part is registered by it; the lowest is the best.
 
     The surroundings of each place are rotated onto their images, which fits badly for mirrored maps.
     Places with images next to a cut of the whole may have no partner, and are ignored.
@@ -240,7 +243,7 @@ def _register(one: _Found | PartCandidate) -> PartCandidate:
         levels, start, scores = PART_REGISTRATION.fine, one.registered.positions, one.scores
     else:
         levels = PART_REGISTRATION.coarse if one.start is None else PART_REGISTRATION.placed
-        start, scores = one.start, {"promise": one.promise}
+        start, scores = one.start, {"cost": one.cost}
     registered = register_part(one.places, part, whole, levels, start)
     at = part.shape.search.samples[: len(part.between)]
     places = whole.shape.voronoi_cell[registered.closest.vertex[at]]
@@ -249,7 +252,7 @@ def _register(one: _Found | PartCandidate) -> PartCandidate:
 
 def register_places(places: Integers, region: Region) -> PartCandidate:
     """A map of places of a part (d_p,), after the part is registered by it, coarsely and then finely."""
-    return _register(_register(_Found(_promise(places, region), region, places)))
+    return _register(_register(_Found(_map_cost(places, region), region, places)))
 
 
 def _fit(registered: RegisteredPart, part: IncompleteShape) -> dict[str, float]:

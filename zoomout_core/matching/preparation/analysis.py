@@ -155,17 +155,21 @@ class ShapeAnalysis:
         return self.basis.coefficients(self.mesh.vertices)
 
     @cached_property
-    def curvature(self) -> Floats:
-        """(s, t) mean curvature at the search samples on several scales, in (-1, 1), of mean zero; 0 on a plane."""
+    def vertex_curvature(self) -> Floats:
+        """(n, t) mean curvature on several scales, in (-1, 1), of mean zero; 0 on a plane."""
         limit, times = ANALYSIS.curvature_limit, ANALYSIS.curvature_times
         raw = np.clip(mean_curvature(self.mesh, self.stiffness, self.basis.areas), -limit, limit)
         smooth = np.column_stack([self.basis.smoothed(raw[:, None], time) for time in times])
         size = np.abs(smooth)
         if size.max() < FLAT_CURVATURE:
-            return np.zeros((len(self.search.samples), len(times)))
+            return np.zeros_like(smooth)
         squashed = smooth / (size + np.maximum(np.median(size, axis=0), FLAT_CURVATURE))
-        centred = squashed - self.basis.areas @ squashed
-        return np.asarray(centred[self.search.samples])
+        return np.asarray(squashed - self.basis.areas @ squashed / self.basis.areas.sum())
+
+    @property
+    def curvature(self) -> Floats:
+        """(s, t) the same at the search samples."""
+        return self.vertex_curvature[self.search.samples]
 
     @cached_property
     def pseudo_scalars(self) -> Floats:

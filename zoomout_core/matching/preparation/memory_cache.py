@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Prepared shapes, kept for the next match: one source is often matched with many targets, and again.
+"""A cache of prepared shapes, because one source is often matched with many targets.
 
-Shapes are keyed by content, so an edited one is prepared again. So are working meshes, as programs hand the same
-mesh in as a new surface each time. `store_shapes` has shapes written to disk, too.
+Shapes and working meshes are keyed by content: an edited mesh is prepared again, and programs that pass the same mesh
+as a new surface each time find the earlier one. `store_shapes` also writes shapes to disk.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ Value = TypeVar("Value", ShapeAnalysis, WorkingMesh)
 
 
 class _LruCache(Generic[Value]):
-    """Values by the hash of their content; the least recently used are dropped when all take too much memory."""
+    """A cache with the hash of the content as key. It drops the least recently used values to limit its memory."""
 
     def __init__(self) -> None:
         self._values: OrderedDict[bytes, Value] = OrderedDict()
@@ -72,7 +72,7 @@ _folder: ShapeFolder | None = None
 
 
 def cached_working_mesh(surface: Surface) -> WorkingMesh:
-    """The surface's working mesh; that of another surface of the same arrays if there was one."""
+    """The working mesh of a surface, from the cache if a surface with the same arrays was prepared before."""
     key = _hash("", surface.vertices, surface.corner_vertex, surface.triangle_corners)
     mesh = _meshes.get(key)
     if mesh is None:
@@ -84,7 +84,7 @@ def cached_working_mesh(surface: Surface) -> WorkingMesh:
 
 
 def cached_hull(surface: Surface, tight: bool = False) -> WorkingMesh:
-    """`hull_of`, or at once the hull of another surface of the same arrays."""
+    """The hull of a surface, see `hull_of`, from the cache if a surface with the same arrays was prepared before."""
     key = _hash(f"hull, tight: {tight}", surface.vertices, surface.corner_vertex, surface.triangle_corners)
     hull = _meshes.get(key)
     if hull is None:
@@ -94,7 +94,7 @@ def cached_hull(surface: Surface, tight: bool = False) -> WorkingMesh:
 
 
 def cached_analysis(part: WorkingMesh, k: int, samples: int, seed: int, proxy_vertices: int | None) -> ShapeAnalysis:
-    """`analyse`, or at once the shape that it returned for the same mesh and numbers before."""
+    """The analysis of a mesh, see `analyse`, from memory or disk if it was computed before."""
     arrays = part.vertices, part.triangles, part.flipped, part.vertex_of, part.triangle_of
     key = _hash(repr(((k, samples, seed, proxy_vertices), part.scale)), *arrays)
     shape, folder = _shapes.get(key), _folder
@@ -112,8 +112,8 @@ def store_shapes(folder: str | PathLike[str] | None, most_bytes: int = MAX_BYTES
     """Cache shapes that are prepared from now on in a folder, also for other processes.
 
     Args:
-        folder: where; made if it is missing. None to leave the disk alone again, as it is at first.
-        most_bytes: the most that they may take there; the least recently used are removed first.
+        folder: the folder, created if missing; None, the default at start, to cache in memory only.
+        most_bytes: maximum size of the folder; the least recently used shapes are removed first.
 
     Example:
         >>> zo.store_shapes(folder)  # analysed shapes are read from there, also by other processes
@@ -125,7 +125,7 @@ def store_shapes(folder: str | PathLike[str] | None, most_bytes: int = MAX_BYTES
 
 @contextmanager
 def store_shapes_in(folder: str | PathLike[str], most_bytes: int = MAX_BYTES_ON_DISK) -> Iterator[None]:
-    """A context with these settings of `store_shapes`; the earlier ones are restored after it."""
+    """A context that stores shapes in a folder, see `store_shapes`; the earlier setting is restored after it."""
     global _folder
     before = _folder
     store_shapes(folder, most_bytes)
@@ -136,7 +136,7 @@ def store_shapes_in(folder: str | PathLike[str], most_bytes: int = MAX_BYTES_ON_
 
 
 def forget_shapes() -> None:
-    """Drop all shapes that are kept in memory.
+    """Empty the cache in memory.
 
     Example:
         >>> zo.forget_shapes()  # the next match analyses its shapes again

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Refine a candidate to a map between the meshes of two shapes: ZoomOut, then non-rigid registration."""
+"""Refine a candidate to a map between the meshes of two shapes: ZoomOut, then non-rigid registration both ways."""
 
 from __future__ import annotations
 
@@ -18,9 +18,13 @@ from zoomout_core.matching.ranking.rank import Candidate
 from zoomout_core.matching.refinement.confidence import Partners, confidence_of, partners_by_cycle
 from zoomout_core.matching.refinement.extremity_pins import pin_extremities
 from zoomout_core.matching.refinement.refine import REFINEMENT, functional_map_by, refine
-from zoomout_core.matching.registration.nonrigid_icp import Fit, Pins, fit_nonrigid
+from zoomout_core.matching.registration.both_ways import average_both_ways
+from zoomout_core.matching.registration.nonrigid_icp import Fit, fit_nonrigid
 from zoomout_core.runtime.progress import portion
 from zoomout_core.runtime.threads import side_by_side
+
+# The fraction of the progress after which the registrations in both directions are averaged.
+AVERAGING = 0.8
 
 
 class DenseMap(NamedTuple):
@@ -42,11 +46,11 @@ def _map_of_wholes(pair: Pair, candidate: Candidate) -> DenseMap:
     """The map of the whole target, by ZoomOut and by non-rigid registration."""
     source, target = pair.source_shape, pair.target_shape
 
-    def forwards() -> tuple[Fit, Floats]:
+    def forwards() -> tuple[Fit, tuple[int, ...]]:
         with portion(0.0, 0.6):
             refined, functional_map = refine_candidate(candidate, source, target, pair.k_final, pair.step)
         with portion(0.6, 1.0):
-            return bend_onto_source(refined, functional_map, source, target, candidate.mirrored)
+            return fit_nonrigid(refined, source, target, candidate.mirrored), functional_map.shape
 
     def backwards() -> SurfaceMap:
         how = candidate.mirrored, min(pair.k_final, REFINEMENT.max_functions_back), pair.step
@@ -55,28 +59,19 @@ def _map_of_wholes(pair: Pair, candidate: Candidate) -> DenseMap:
         _ = source.proxy.search  # the map back ends first: there is time to prepare what the lift needs
         return back
 
-    (fit, functional_map), back = side_by_side(forwards, backwards)
+    with portion(0.0, AVERAGING):
+        (fit, size), back = side_by_side(forwards, backwards)
     pinned = pin_extremities(fit.surface_map, back, source, target)
-    if pinned is not None:
-        stretched, pins = pinned
-        with portion(1.0, 1.0):  # few maps are registered twice
-            fit, functional_map = bend_onto_source(stretched, functional_map, source, target, candidate.mirrored, pins)
+    with portion(AVERAGING, 1.0):
+        if pinned is not None:
+            stretched, pins = pinned
+            with portion(0.0, 0.0):  # few maps are registered twice
+                fit = fit_nonrigid(stretched, source, target, candidate.mirrored, pins)
+        fit = average_both_ways(fit, source, target, candidate.mirrored)
+    functional_map = functional_map_by(fit.surface_map, source, target, size)
     senses = candidate.reverses_orientation, candidate.mirrored
     measured = confidence_of(fit.surface_map, back, functional_map, source, target, *senses)
     return DenseMap(fit, partners_by_cycle(fit.surface_map, back, source, target), functional_map, *measured)
-
-
-def bend_onto_source(
-    refined: SurfaceMap,
-    functional_map: Floats,
-    source: ShapeAnalysis,
-    target: ShapeAnalysis,
-    mirrored: bool,
-    pins: Pins | None = None,
-) -> tuple[Fit, Floats]:
-    """Register the target to the source, starting from a refined map; returns the fit and its functional map."""
-    fit = fit_nonrigid(refined, source, target, mirrored, pins)
-    return fit, functional_map_by(fit.surface_map, source, target, functional_map.shape)
 
 
 def _map_of_part(pair: Pair, candidate: Candidate) -> DenseMap:

@@ -84,11 +84,11 @@ def run_blender(arguments: Sequence[str], program: str | None = None) -> dict[st
     command, began = blender_command(program), monotonic()
     with tempfile.TemporaryDirectory(prefix="zoomout-") as folder:
         report, output = Path(folder) / "report.json", Path(folder) / "output.txt"
-        with output.open("wb") as said, stage("Running Blender"):
+        with output.open("wb") as log, stage("Running Blender"):
             process = subprocess.Popen(
                 [*command, *arguments, "--report", str(report)],
                 stdin=subprocess.DEVNULL,
-                stdout=said,
+                stdout=log,
                 stderr=subprocess.STDOUT,
                 env=_environment(),
                 cwd=folder,

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zoomout_core.arrays import Floats, Integers
-from zoomout_core.mesh.formats.gltf_files import WIDTHS, GltfFile, data_of, read_gltf_file
+from zoomout_core.mesh.formats.gltf_files import GltfFile, data_of, read_gltf_file
+from zoomout_core.mesh.formats.gltf_tables import WIDTHS
 from zoomout_core.mesh.formats.image_types import TEXTURE_EXTENSIONS, image_type
 from zoomout_core.mesh.formats.opening import shown
 from zoomout_core.mesh.surface import MeshError
@@ -225,7 +226,7 @@ class Document:
         return worlds, parent
 
     def in_order(self, parent: Integers) -> Iterator[int]:
-        """The nodes, each after its parent; the file was checked for nodes with several parents."""
+        """The numbers of nodes with parents (n,), each after its parent. No node has two: the file was checked."""
         waiting = [number for number in range(len(parent) - 1, -1, -1) if parent[number] < 0]
         while waiting:
             number = waiting.pop()

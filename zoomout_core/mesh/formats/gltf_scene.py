@@ -283,7 +283,7 @@ class Skeleton:
 
 
 def sparse_weights(rows: Integers, columns: Integers, values: Floats, shape: tuple[int, int]) -> csr_array:
-    """Sparse weights of a shape, from rows, columns and values that broadcast; values of zero are dropped."""
+    """A sparse matrix of a given shape, from rows, columns and values that are broadcast (...); zeros are dropped."""
     rows, columns, values = (each.ravel() for each in np.broadcast_arrays(rows, columns, values))
     kept = values > 0
     return csr_array(coo_array((values[kept], (rows[kept], columns[kept])), shape=shape))

@@ -16,7 +16,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from zoomout_core.arrays import Floats, Integers
-from zoomout_core.mesh.formats.gltf_files import MAX_ELEMENTS
+from zoomout_core.mesh.formats.gltf_structure import MAX_ELEMENTS
 from zoomout_core.mesh.formats.opening import existing, file_bytes, outside
 from zoomout_core.mesh.formats.text_tables import text_lines
 from zoomout_core.mesh.surface import MeshError

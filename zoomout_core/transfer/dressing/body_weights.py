@@ -24,6 +24,7 @@ from zoomout_core.runtime.threads import on_one_blas_thread
 from zoomout_core.transfer.dressing.body_keys import means_of_skin
 from zoomout_core.transfer.dressing.form import Form, Lines, read_masks
 from zoomout_core.transfer.dressing.patches import Patches
+from zoomout_core.transfer.dressing.posed_contact import POSED_CONTACT
 from zoomout_core.transfer.inpaint import MIN_WEIGHT
 from zoomout_core.transfer.rigging.weights import limit_weights
 from zoomout_core.tuning import Tuning, tuned
@@ -81,28 +82,67 @@ def follow_weights(
     Returns:
         For each (n, b) its weights, with the same sums.
     """
-    sides = [
-        (Patches(body.surface.vertices / unit, body.surface.triangles), unit, normalise(body.weights))
-        for body in (before, after)
-        for unit in [float(np.sqrt(body.surface.area))]
-    ]
+    skins = [_Skin.of(body) for body in (before, after)]
     limit = int(np.diff(after.weights.indptr).max(initial=BONES))
     found = []
     masks = read_masks(worn, keep)
     for thing, moved, given, mask in zip(worn, fitted, weights, masks, strict=True):
-        skins = [
-            csr_array(means_of_skin(patches, points / unit) @ of_body)
-            for (patches, unit, of_body), points in zip(sides, (thing.vertices, moved), strict=True)
-        ]
-        agreement = normalise(given).minimum(skins[0]).sum(axis=1)
-        change = csr_array(diags_array(agreement) @ (skins[1] - skins[0]))
-        smoothed = _smooth(Form.of(thing, sides[0][1]), change)
+        below = [skin.weights_below(points) for skin, points in zip(skins, (thing.vertices, moved), strict=True)]
+        change = csr_array(diags_array(_agreement(given, below[0])) @ (below[1] - below[0]))
+        smoothed = _smooth(Form.of(thing, skins[0].unit), change)
         changed = _add(given, smoothed if mask is None else csr_array(diags_array(1 - mask) @ smoothed))
         if isinstance(thing, Surface):
             most = int(np.diff(given.indptr).max(initial=limit))
             limit_weights(changed, thing, np.ones(given.shape[1], dtype=bool), most)
         found.append(changed)
     return tuple(found)
+
+
+def moving_with_skin(
+    body: WeightedBody, worn: Sequence[Surface | Lines], weights: Sequence[csr_array | None]
+) -> list[Floats | None]:
+    """The degree, in [0, 1], to which each vertex of worn objects moves with the skin below it as bones rotate.
+
+    It is 1 if they have `PosedContactTuning.agreement` of their weights in common: cloth near a joint often has
+    smoother weights than the skin. It is 0 for the front of a skirt that is bound to the hips alone.
+
+    Args:
+        body: the body that wears the objects, at rest.
+        worn: the objects.
+        weights: for each (n, b) its weights, of the same bones as those of the body, or None.
+
+    Returns:
+        For each object (n,) degrees, or None without weights.
+    """
+    skin = _Skin.of(body)
+    return [
+        None
+        if given is None
+        else np.minimum(_agreement(given, skin.weights_below(each.vertices)) / POSED_CONTACT.agreement, 1)
+        for each, given in zip(worn, weights, strict=True)
+    ]
+
+
+class _Skin(NamedTuple):
+    """A body, sampled for weights of the skin below places."""
+
+    patches: Patches
+    unit: float  # length of the unit of the patches
+    weights: csr_array  # (n, b) normalised
+
+    @classmethod
+    def of(cls, body: WeightedBody) -> _Skin:
+        unit = float(np.sqrt(body.surface.area))
+        return cls(Patches(body.surface.vertices / unit, body.surface.triangles), unit, normalise(body.weights))
+
+    def weights_below(self, places: Floats) -> csr_array:
+        """(q, b) mean weights of the skin below places (q, 3)."""
+        return csr_array(means_of_skin(self.patches, places / self.unit) @ self.weights)
+
+
+def _agreement(weights: csr_array, below: csr_array) -> Floats:
+    """(n,) the share of weights (n, b) that vertices have in common with the skin below them."""
+    return np.asarray(normalise(weights).minimum(below).sum(axis=1), dtype=np.float64).ravel()
 
 
 def _smooth(form: Form, change: csr_array) -> csr_array:

@@ -37,6 +37,7 @@ from zoomout_core.transfer.dressing.contact import (
 )
 from zoomout_core.transfer.dressing.following import Following, Motion
 from zoomout_core.transfer.dressing.form import Form, Lines, read_masks
+from zoomout_core.transfer.dressing.hair import hang
 from zoomout_core.transfer.dressing.kept_parts import KeptParts
 from zoomout_core.transfer.dressing.posed_contact import PosedBody, PosedBounds
 from zoomout_core.transfer.dressing.solid_parts import solid_parts, touching_points, with_solid_parts
@@ -46,8 +47,8 @@ from zoomout_core.transfer.wrapping.wrap import reverse_match, wrap
 from zoomout_core.tuning import Tuning, tuned
 
 # Ways to fit objects: soft ones keep their form according to their stiffness, rigid ones rotate and scale as a whole.
-# "automatic" is soft, except for small solid parts.
-Manner: TypeAlias = Literal["automatic", "soft", "rigid"]
+# "automatic" is soft, except for small solid parts. "hair" is automatic, but moves as a whole where it hangs freely.
+Manner: TypeAlias = Literal["automatic", "soft", "rigid", "hair"]
 Carried: TypeAlias = Surface | Lines
 # The motion of a body by its bones, and the weights (n, b) of an object that the same bones move.
 Posed: TypeAlias = tuple[PosedBody, csr_array]
@@ -128,7 +129,7 @@ def dress(
         source: the body that wears the objects, without them.
         target: the body to dress.
         carried: the objects, surfaces and lines, in the source's frame and unit.
-        manners: how to fit each; "automatic" if omitted.
+        manners: how to fit each; "automatic" if omitted. All "hair" moves as one.
         keep: for each object weights (n,) in [0, 1] of vertices that keep their form, such as those of buckles, plates
             and soles, or None. Each connected patch moves as a whole, with the object's scale.
         stiffness: stiffness of soft objects, from 0, where they follow every detail of the body, to 1.
@@ -188,8 +189,14 @@ def carry(
         advance(0.1)
         barrier = Barrier(SidedSurface.of(body, following.unit), SidedSurface.of(skin, following.unit_after))
         advance(0.2)
-        for number, (each, manner, mask) in enumerate(zip(carried, how, masks, strict=True), start=1):
-            fits.append(_Fit.of(Form.of(each, following.unit, mask), following, manner, stiffness))
+        forms = [Form.of(each, following.unit, mask) for each, mask in zip(carried, masks, strict=True)]
+        motions = [following.motion(form.rest) for form in forms]
+        hair = [number for number, manner in enumerate(how) if manner == "hair"]
+        hanging = hang([forms[number] for number in hair], [motions[number] for number in hair])
+        for number, motion in zip(hair, hanging, strict=True):
+            motions[number] = motion
+        for number, (form, motion, manner) in enumerate(zip(forms, motions, how, strict=True), start=1):
+            fits.append(_Fit.of(form, motion, manner, stiffness))
             advance(0.2 + 0.3 * number / len(carried))
         outfit = Outfit(fits, following, barrier, margins_with(gap / following.unit_after))
         with portion(0.5, 1):
@@ -259,18 +266,18 @@ class _Fit:
     is_rigid: bool  # whether it is one solid part as a whole
 
     @classmethod
-    def of(cls, form: Form, following: Following, manner: Manner, stiffness: float) -> _Fit:
-        motion = following.motion(form.rest)
+    def of(cls, form: Form, motion: Motion, manner: Manner, stiffness: float) -> _Fit:
         if manner == "rigid":
             moved = procrustes(form.rest, motion.images, form.areas)(form.rest)
             return cls(form, motion, moved, [], True)
         # Near the positions moved by the body, with the rest edges rotated and scaled.
         length = DRESS.softest * (DRESS.stiffest / DRESS.softest) ** stiffness
+        # The images of hair are reliable far from the skin, too.
         pull = form.areas / (1 + (motion.distance / DRESS.near) ** 2)
         joined = csc_array(form.stiffness + _links(form))
         gradients = (turn_gradients(joined, motion.turns) @ form.rest.ravel()).reshape(-1, 3)
         moved = ScreenedSmoothing.of(pull, joined, length).fit(motion.images, gradients)
-        solid = solid_parts(form) if manner == "automatic" else []
+        solid = [] if manner == "soft" else solid_parts(form)
         kept = KeptParts.of(form)
         if kept.count:
             rigid, _ = kept.fit_rigidly(form, moved, float(np.median(motion.growth)))

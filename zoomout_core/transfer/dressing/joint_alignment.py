@@ -23,7 +23,7 @@ from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import vertex_normals
 from zoomout_core.transfer.dressing.form import Form
 from zoomout_core.transfer.rigging.bone_pairs import Skeleton, pair_bones
-from zoomout_core.transfer.rigging.joints import move_joints
+from zoomout_core.transfer.rigging.joints import finite_joints, move_joints
 from zoomout_core.transfer.rigging.poses import parents_first
 from zoomout_core.transfer.rigging.skinning import renumber_bones
 from zoomout_core.tuning import Tuning, tuned
@@ -111,7 +111,11 @@ def align_joints(body: Surface, shape: Floats, skin: Surface, joints: JointPairs
 
     Returns:
         (n, 3) its vertices. Those that were on the skin still are; those without weights do not move.
+
+    Raises:
+        ValueError: the shape does not fit the body, or it or joints are not finite.
     """
+    finite_joints(joints.after)  # `move_joints` checks the others
     unit = float(np.sqrt(skin.area))
     if not len(_bones(body, shape, joints, unit).head):
         return shape

@@ -20,6 +20,7 @@ from scipy.sparse import bsr_array, csc_array, csr_array
 
 from zoomout_core.arrays import Floats, row_norms
 from zoomout_core.geometry.gradients import divergence_matrices, gradient_matrices
+from zoomout_core.geometry.procrustes import SMALLEST
 from zoomout_core.geometry.screened_smoothing import ScreenedSmoothing
 from zoomout_core.messages import message, warning
 from zoomout_core.runtime.threads import for_each
@@ -64,6 +65,8 @@ KEYS_AT_ONCE = 5
 # Shorter offsets are noise and are set to zero: lengths relative to the longest offset of the key, and at unit area.
 MIN_RELATIVE_OFFSET = 1e-4
 MIN_OFFSET = 1e-7
+# Keys that move nothing farther from the eyes than this move a head only. A unit is the distance between the eyes.
+HEAD = 5.0
 JOINED_LIPS = (
     "The lips of the target are joined, so no key can open its mouth: split them along the line where they meet, then "
     "match and transfer again."
@@ -75,8 +78,8 @@ def carry_offsets(attribute: Attribute, mapped: MappedTarget) -> Attribute:
 
     The source's vertices must be those before keys: the rest shape, if the source is posed after keys are applied.
     Offsets rotate and scale with the target's shape. Vertices where a key does not move the source stay exactly in
-    place. Where confidence is low, a key is interpolated from its surroundings. Loose parts that a key moves rigidly on
-    the source also move rigidly on the target.
+    place. Vertices without confidence follow their surroundings; those with little follow the map, as all others do.
+    Loose parts that a key moves rigidly on the source also move rigidly on the target.
     """
     offsets = without_noise(np.asarray(attribute.values), mapped.source.area)
     expressions = find_expressions(attribute)
@@ -87,7 +90,8 @@ def carry_offsets(attribute: Attribute, mapped: MappedTarget) -> Attribute:
     carried = np.zeros((len(doubtful), *offsets.shape[1:]), dtype=offsets.dtype)
     if not moved.any():
         return replace(attribute, values=carried)
-    frames = frames_on(mapped, moved | doubtful)
+    is_face = expressions is not None and _are_near_eyes(offsets, expressions, mapped.source.vertices)
+    frames = frames_on(mapped, moved | doubtful, is_face)
     carrier = _Carrier.of(frames)
     other_person = 0.0 if expressions is None else frames.other_person
     growth = frames.growth**other_person
@@ -99,10 +103,10 @@ def carry_offsets(attribute: Attribute, mapped: MappedTarget) -> Attribute:
     for_each(carry, range(0, offsets.shape[1], KEYS_AT_ONCE))
     open_blinks = () if expressions is None else close_lids(carried, attribute, frames)
     move_rigid_parts(carried, offsets, frames, other_person)
-    filled = int((carried.any(axis=(1, 2)) & doubtful).sum())
+    uncertain = int((carried.any(axis=(1, 2)) & doubtful).sum())
     notes = attribute.notes
-    if filled:
-        notes += (message("Shape keys were smoothed at {count:,} doubtful vertices.", count=filled),)
+    if uncertain:
+        notes += (message("Shape keys are uncertain at {count:,} doubtful vertices: check these.", count=uncertain),)
     if open_blinks:
         notes += (message("Eyelids close less than on the source: {keys}.", keys=", ".join(open_blinks)),)
     if has_joined_lips(attribute, mapped):
@@ -127,6 +131,18 @@ def without_noise(offsets: Floats, area: float) -> Floats:
     length = np.sqrt(np.einsum("nkx,nkx->nk", offsets, offsets))
     least = np.maximum(MIN_RELATIVE_OFFSET * length.max(axis=0), MIN_OFFSET * np.sqrt(area))
     return np.where((length < least)[:, :, None], 0, offsets)
+
+
+def _are_near_eyes(offsets: Floats, expressions: list[Floats], vertices: Floats) -> bool:
+    """Whether keys (n, keys, 3) move only vertices, among places (n, 3), on the head.
+
+    The expressions are those of `find_expressions`.
+    """
+    blinks = [row_norms(each) for each in expressions[:2]]
+    left, right = (blink @ vertices / max(float(blink.sum()), SMALLEST) for blink in blinks)
+    moved = vertices[offsets.any(axis=(1, 2))]
+    farthest = row_norms(moved - (left + right) / 2).max(initial=0)
+    return bool(farthest < HEAD * np.linalg.norm(left - right))
 
 
 @dataclass(frozen=True, eq=False)

@@ -49,21 +49,32 @@ def move_joints(worn: Surface | Lines, vertices: ArrayLike, joints: ArrayLike) -
         joints: (j, 3) the joints before.
 
     Raises:
-        ValueError: the vertices do not fit the object, or positions are not finite.
+        ValueError: the vertices do not fit the object, or these or the joints are not finite.
 
     Example:
         >>> moved = zo.move_joints(source, source.vertices + [1, 0, 0], [[0, 0, 0]])
         >>> bool(abs(moved.positions - [1, 0, 0]).max() < 1e-6)
         True
     """
-    after, places = np.asarray(vertices, dtype=np.float64), np.asarray(joints, dtype=np.float64).reshape(-1, 3)
-    if after.shape != worn.vertices.shape or not (np.isfinite(after).all() and np.isfinite(places).all()):
+    after, places = np.asarray(vertices, dtype=np.float64), finite_joints(joints)
+    if after.shape != worn.vertices.shape or not np.isfinite(after).all():
         raise ValueError(
-            f"vertices are of the shape {after.shape}, or some positions are not finite: give finite ones "
-            f"({len(worn.vertices)}, 3)."
+            f"vertices are of the shape {after.shape}, or not finite: give finite ones ({len(worn.vertices)}, 3)."
         )
     motions = motions_around(worn.vertices, after, places)
     return MovedJoints(motions(places[:, None])[:, 0], motions.rotation)
+
+
+def finite_joints(joints: ArrayLike) -> Floats:
+    """Joints as an array (j, 3).
+
+    Raises:
+        ValueError: they are not finite.
+    """
+    places = np.asarray(joints, dtype=np.float64).reshape(-1, 3)
+    if not np.isfinite(places).all():
+        raise ValueError("Some joints are not finite: give finite positions (j, 3).")
+    return places
 
 
 def motions_around(before: Floats, after: Floats, places: Floats) -> Similarities:

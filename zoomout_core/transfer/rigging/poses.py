@@ -187,7 +187,7 @@ def distinct_poses(poses: Floats, heads: Floats, count: int = MAX_FRAMES) -> Flo
 
 
 def parents_first(parents: Integers) -> list[int]:
-    """The numbers of bones, parents before children."""
+    """The numbers of bones with parents (b,), -1 for none, in an order in which parents precede children."""
     order: list[int] = []
     known = set[int]()
     for start in range(len(parents)):

@@ -26,7 +26,7 @@ from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.shapes import ShapeLike, as_surface
 from zoomout_core.runtime.threads import on_one_blas_thread
 from zoomout_core.transfer.dressing.dress import shape_of_source
-from zoomout_core.transfer.rigging.joints import MovedJoints
+from zoomout_core.transfer.rigging.joints import MovedJoints, finite_joints
 from zoomout_core.transfer.rules import Match, map_target
 from zoomout_core.tuning import Tuning, tuned
 
@@ -160,9 +160,7 @@ def check_joints(joints: ArrayLike, parents: ArrayLike) -> tuple[Floats, Integer
     Raises:
         ValueError: they are not finite, or parents are no joints or form a cycle.
     """
-    places, above = np.asarray(joints, dtype=np.float64).reshape(-1, 3), np.asarray(parents, dtype=np.int64).ravel()
-    if not np.isfinite(places).all():
-        raise ValueError("Some joints are not finite: give finite positions (j, 3).")
+    places, above = finite_joints(joints), np.asarray(parents, dtype=np.int64).ravel()
     if len(above) != len(places) or ((above < -1) | (above >= len(places))).any():
         raise ValueError(
             f"parents does not fit {len(places)} joints: give for each the number of its parent, or -1 for none."

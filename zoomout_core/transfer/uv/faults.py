@@ -24,17 +24,17 @@ JAGGED, COARSE = 1.1, 0.015
 
 
 def fault_notes(name: str, chart: Chart, mapped: MappedTarget, seed: Integers, uv: Floats) -> tuple[str, ...]:
-    """Describe faults in sentences for the user."""
+    """Describe the faults of transferred UVs (c, 2), whose faces (f,) have seeds, in sentences for the user."""
     flipped, degenerate, stretched = (int(mask.sum()) for mask in _faults(chart, mapped, seed, uv))
     faces, islands = len(seed), len(chart.density)
     missing = islands - len(np.unique(chart.cut.triangle_island[seed]))
-    told = (
+    cases = (
         (flipped, faces, "{layer}: {count:,} of {total:,} faces have flipped UVs."),
         (degenerate, faces, "{layer}: {count:,} of {total:,} faces have collapsed UVs."),
         (stretched, faces, "{layer}: {count:,} of {total:,} faces have strongly stretched UVs."),
         (missing, islands, "{layer}: {count:,} of {total:,} UV islands of the source received no face."),
     )
-    return tuple(warning(text, layer=name, count=count, total=total) for count, total, text in told if count)
+    return tuple(warning(text, layer=name, count=count, total=total) for count, total, text in cases if count)
 
 
 def has_jagged_seams(source: Surface, source_uv: Floats, target: Surface, uv: Floats) -> bool:

@@ -46,7 +46,7 @@ class Sheets:
         return np.maximum(*extent)
 
     def rows(self, candidate: Integers, corner: Integers, target: Surface) -> Integers:
-        """The row of a corner for a candidate of its face."""
+        """(q,) the rows of corners (q,) for candidates (q,) of their faces."""
         return self.row[candidate] + corner - target.face_start[self.candidates.face[candidate]]
 
 

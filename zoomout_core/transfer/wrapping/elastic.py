@@ -35,7 +35,7 @@ class Pins:
 
     @property
     def vertices(self) -> Integers:
-        """The corners of the places."""
+        """(v,) the vertices of the triangles that contain the places."""
         return np.unique(self.matrix.indices)
 
     def on(self, rest: Floats, vertices: Floats, triangles: Integers) -> Pins:

@@ -250,9 +250,9 @@ def _notes(fit: Fit, turned_over: int) -> tuple[str, ...]:
     """Sentences for the user."""
     kept = fit.weight == 0
     parts = len(np.unique(fit.working.component[moves_as_a_whole(fit.working, fit.weight)]))
-    told = (
+    cases = (
         (int(kept.sum()), "{count:,} vertices without a partner, or outside the mask, keep their shape."),
         (parts, "Loose parts that follow as rigid pieces: {count}."),
         (turned_over, "{count:,} triangles are folded over: place landmarks there, or increase Smoothness."),
     )
-    return tuple(message(text, count=count) for count, text in told if count)
+    return tuple(message(text, count=count) for count, text in cases if count)

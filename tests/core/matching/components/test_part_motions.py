@@ -17,7 +17,7 @@ from zoomout_core.arrays import Integers
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.geometry.procrustes import procrustes
 from zoomout_core.matching.components.part_borders import straighten_borders
-from zoomout_core.matching.components.part_motions import PartMotions, fit_motions
+from zoomout_core.matching.components.part_motions import MovedTarget, PartMotions, fit_motions
 from zoomout_core.samples.spheres import ball
 
 # The angle by which the second of two ellipsoids turns about the hinge, and the error of the body's map there.
@@ -57,8 +57,8 @@ def match_ellipsoids(bend: float = 0.0) -> tuple[PartMotions, Integers, Integers
     triangle, _ = closest_points(points, source.points, source.mesh.triangles)
     component, right = source.mesh.component[source.mesh.triangles[:, 0]], source.mesh.component
     every, closest = np.ones(len(points), dtype=bool), grouped(source)
-    normals, triangles = source.mesh.vertex_normals, source.mesh.triangles
-    motions = fit_motions(component[triangle], points, normals, every, closest, triangles, source, target, MOTION)
+    moved = MovedTarget(points, source.mesh.vertex_normals, MOTION, False)
+    motions = fit_motions(component[triangle], moved, every, closest, source, target)
     distance = np.zeros(len(points))
     changed, onto, _, _ = straighten_borders(triangle, distance, every, motions, closest, source)
     after = triangle.copy()
@@ -100,8 +100,9 @@ def test_pieces_of_a_folding_part_move_rigidly() -> None:
 
     motion: Any = SimpleNamespace(scale=1.0, handedness=1.0, rotations=rotations)
     points = source.points + [0, SLIDE, 0] * outer[:, None]
-    part, every, triangles = source.mesh.component, np.ones(len(points), dtype=bool), source.mesh.triangles
-    motions = fit_motions(part, points, turned, every, grouped(source), triangles, source, target, motion)
+    part, every = source.mesh.component, np.ones(len(points), dtype=bool)
+    moved = MovedTarget(points, turned, motion, False)
+    motions = fit_motions(part, moved, every, grouped(source), source, target)
     away = np.flatnonzero(np.abs(source.points[:, 0]) > 0.1)
     places, _ = motions.carry(away, part[away])
     assert np.linalg.norm(places - source.points[away], axis=1).max() < SLIDE / 2
@@ -109,9 +110,9 @@ def test_pieces_of_a_folding_part_move_rigidly() -> None:
 
 def test_parts_without_usable_vertices_have_no_rigid_motion() -> None:
     side = side_of(ellipsoids())
-    part, normals, triangles = side.mesh.component, side.mesh.vertex_normals, side.mesh.triangles
-    none = np.zeros(len(part), dtype=bool)
-    found = fit_motions(part, side.points, normals, none, grouped(side), triangles, side, side, MOTION)
+    part, none = side.mesh.component, np.zeros(len(side.mesh.component), dtype=bool)
+    moved = MovedTarget(side.points, side.mesh.vertex_normals, MOTION, False)
+    found = fit_motions(part, moved, none, grouped(side), side, side)
     assert not found.rigid.any()
     points, _ = found.carry(np.arange(len(part)), part)
     np.testing.assert_array_equal(points, side.points)

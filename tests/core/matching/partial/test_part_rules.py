@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Rules of partial matching: terms of the promise of a map, partners of places, and rival maps."""
+"""Rules of partial matching: terms of the cost of a map, partners of places, and rival maps."""
 
 from __future__ import annotations
 
@@ -25,17 +25,21 @@ from zoomout_core.matching.partial.part_candidates import (
     PartCandidate,
     _fit,
     _Found,
-    _promise,
+    _map_cost,
     _register,
     _search,
     part_candidates,
     rough_candidates,
 )
 from zoomout_core.matching.partial.part_match import (
+    CURVATURE,
+    CURVATURE_FLOOR,
     PART_MATCH,
     _candidate,
     _certainty,
+    _curvature_score,
     _on_part,
+    curvature_agreement,
     fit_part,
     match_part,
     places_of,
@@ -96,7 +100,7 @@ def test_distinct_assignments_are_apart_and_limited_in_number() -> None:
     assert distinct(many, whole) == list(range(SEARCH.kept))
 
 
-# --- promise of a map --------------------------------------------------------------------------------------
+# --- cost of a map -----------------------------------------------------------------------------------------
 
 
 def region_of(part: IncompleteShape, whole: IncompleteShape, unlike: Floats) -> Region:
@@ -118,19 +122,19 @@ def test_each_term_favours_the_true_map_over_its_mirror_image(lower: PartAndWhol
     lead, weight = [], getattr(PART_CANDIDATES, term)
     for tried in (0.0, weight):
         with retune(PART_CANDIDATES, **{term: tried}):
-            right, wrong = (_promise(m, lower.everywhere) for m in (lower.true_places(), at_mirror_images(lower)))
+            right, wrong = (_map_cost(m, lower.everywhere) for m in (lower.true_places(), at_mirror_images(lower)))
         lead.append(wrong - right)
     assert lead[1] > lead[0] + 0.1 * weight
 
 
 def test_bend_is_measured_in_small_surroundings(lower: PartAndWhole) -> None:
     none = dict.fromkeys(("facing", "distance", "unlikeness", "within"), 0.0)
-    promises = []
+    costs = []
     for width in (PART_CANDIDATES.surroundings, 1.2):
         with retune(PART_CANDIDATES, surroundings=width, **none | {"bend": 1.0}):
-            promises.append(_promise(lower.true_places(), lower.everywhere))
+            costs.append(_map_cost(lower.true_places(), lower.everywhere))
     # Limbs bend, so a single rotation leaves at least 1.2 times the error for the true map.
-    assert promises[0] < promises[1] - np.log(1.2)
+    assert costs[0] < costs[1] - np.log(1.2)
 
 
 @pytest.mark.parametrize(
@@ -140,21 +144,21 @@ def test_term_of_a_perfect_map_is_the_log_of_its_floor(lower: PartAndWhole, term
     every = np.arange(len(lower.whole.between))
     none = dict.fromkeys(("facing", "bend", "distance", "unlikeness", "within"), 0.0)
     with retune(PART_CANDIDATES, **none | {term: 1.0}):
-        promise = _promise(every, region_of(lower.whole, lower.whole, 1 - np.eye(len(every))))
-    assert promise == pytest.approx(np.log(floor), abs=1e-3)
+        cost = _map_cost(every, region_of(lower.whole, lower.whole, 1 - np.eye(len(every))))
+    assert cost == pytest.approx(np.log(floor), abs=1e-3)
 
 
 def test_cuts_excuse_only_longer_distances_on_the_part(lower: PartAndWhole) -> None:
     part, unlike = lower.part, unlikeness(lower.part, lower.whole)
 
     def gained(match: Integers, of: IncompleteShape, factor: float) -> float:
-        """Improvement of a promise by doubt, with lengths on the whole scaled by a factor."""
-        whole, promises = IncompleteShape(at_scale(lower.whole.shape, factor)), []
+        """Improvement of a cost by doubt, with lengths on the whole scaled by a factor."""
+        whole, costs = IncompleteShape(at_scale(lower.whole.shape, factor)), []
         for doubt in (SEARCH.doubt, 1.0):
             with retune(SEARCH, doubt=doubt):
                 known = unlike if of is part else np.zeros_like(whole.between)
-                promises.append(_promise(match, region_of(of, whole, known)))
-        return promises[1] - promises[0]
+                costs.append(_map_cost(match, region_of(of, whole, known)))
+        return costs[1] - costs[0]
 
     longer = gained(lower.true_places(), part, 0.7)
     assert longer > 0.02
@@ -166,19 +170,19 @@ def test_cuts_excuse_only_longer_distances_on_the_part(lower: PartAndWhole) -> N
 
 
 def candidates_of(monkeypatch: pytest.MonkeyPatch, pair: PartAndWhole, maps: list[Integers]) -> list[Integers]:
-    """Maps that remain for bending when the given maps are found, in descending order of promise."""
+    """Maps that remain for bending when the given maps are found, in ascending order of cost."""
 
     def registered(one: _Found | PartCandidate) -> PartCandidate:
         nothing: Any = None
         if isinstance(one, PartCandidate):
             return one
-        return PartCandidate(one.region, one.places, nothing, {"promise": one.promise, "fit": one.promise})
+        return PartCandidate(one.region, one.places, nothing, {"cost": one.cost, "fit": one.cost})
 
-    def promised(places: Integers, _: Region) -> float:
+    def cost_of(places: Integers, _: Region) -> float:
         return float(next(i for i, each in enumerate(maps) if each is places))
 
     monkeypatch.setattr(candidates_module, "_search", lambda *_: maps[::-1])
-    monkeypatch.setattr(candidates_module, "_promise", promised)
+    monkeypatch.setattr(candidates_module, "_map_cost", cost_of)
     monkeypatch.setattr(candidates_module, "_register", registered)
     with retune(PART_CANDIDATES, regions=0, registered=3, compared=3):
         result, reports = reports_of(lambda: part_candidates([pair.everywhere]))
@@ -188,7 +192,7 @@ def candidates_of(monkeypatch: pytest.MonkeyPatch, pair: PartAndWhole, maps: lis
     return [found.places for found in result]
 
 
-def test_most_promising_of_similar_maps_is_kept(lower: PartAndWhole, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_cheapest_of_similar_maps_is_kept(lower: PartAndWhole, monkeypatch: pytest.MonkeyPatch) -> None:
     right, other = lower.true_places(), at_mirror_images(lower)
     nearly, off = right.copy(), right.copy()
     some = np.random.default_rng(0).permutation(len(right))
@@ -200,7 +204,9 @@ def test_most_promising_of_similar_maps_is_kept(lower: PartAndWhole, monkeypatch
     assert [one is expected for one, expected in zip(found, (nearly, off, other), strict=True)] == [True] * 3
 
 
-def test_assignments_are_extended_by_promise_not_by_cost(lower: PartAndWhole, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_assignments_are_extended_by_the_cost_of_their_maps(
+    lower: PartAndWhole, monkeypatch: pytest.MonkeyPatch
+) -> None:
     few = LANDMARK_MAPS.landmarks
     worst = [np.full(few, number) for number in range(6)]
     right = lower.true_places()[:few]
@@ -214,16 +220,14 @@ def test_assignments_are_extended_by_promise_not_by_cost(lower: PartAndWhole, mo
     assert lower.whole.between[found, lower.true_places()].mean() < 0.1
 
 
-def test_given_map_is_registered_regardless_of_its_promise(
-    lower: PartAndWhole, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_given_map_is_registered_regardless_of_its_cost(lower: PartAndWhole, monkeypatch: pytest.MonkeyPatch) -> None:
     maps = [np.roll(lower.true_places(), shift) for shift in (0, 40, 80, 120)]
     monkeypatch.setattr(candidates_module, "_search", lambda *_: maps[:3])
     monkeypatch.setattr(
-        candidates_module, "_promise", lambda places, _: float(next(i for i, one in enumerate(maps) if one is places))
+        candidates_module, "_map_cost", lambda places, _: float(next(i for i, one in enumerate(maps) if one is places))
     )
     monkeypatch.setattr(
-        candidates_module, "_register", lambda one: SimpleNamespace(places=one.places, scores={"fit": one.promise})
+        candidates_module, "_register", lambda one: SimpleNamespace(places=one.places, scores={"fit": one.cost})
     )
     found = rough_candidates([lower.everywhere], [np.arange(3)], 2, given=[maps[3]])
     assert [one.places is each for one, each in zip(found, (maps[0], maps[1], maps[3]), strict=True)] == [True] * 3
@@ -298,7 +302,7 @@ def test_up_axis_is_evidence_between_upright_fragments(
     monkeypatch.setattr(part_match, "part_candidates", lambda *_: [made])
     (one,) = match_part(surface_and_shapes(lower), upright=upright)
     expected = made.scores["fit"] + (0.6 * EVIDENCE_WEIGHTS[UPRIGHT] if upright else 0.0)
-    assert one.scores["total"] == pytest.approx(expected)
+    assert one.scores["total"] - _curvature_score(one.scores) == pytest.approx(expected)
 
 
 @pytest.mark.parametrize("is_everywhere", [True, False])
@@ -390,6 +394,71 @@ def test_candidate_maps_target_samples_to_true_source_samples(lower: PartAndWhol
     assert np.median(apart[on_part]) < 6
 
 
+# --- curvature of finished maps ------------------------------------------------------------------------------
+
+
+def test_curvature_agrees_along_the_true_map_only(lower: PartAndWhole, fitted: RegisteredPart) -> None:
+    wrong = register_part(at_mirror_images(lower), lower.part, lower.whole, PART_REGISTRATION.fine)
+    right, other = (curvature_agreement(one, lower.part.shape, lower.whole.shape) for one in (fitted, wrong))
+    assert right > 0.8
+    assert other < right - 0.2
+
+
+def test_curvature_beyond_a_cut_and_on_coarse_scales_does_not_count() -> None:
+    n = 40
+    here = np.random.default_rng(0).normal(size=(n, 2))
+    there = here.copy()
+    there[:, 0] *= -1  # the coarse scale
+    there[: n // 2, 1] *= -1
+    part, whole = (
+        SimpleNamespace(vertex_curvature=each, basis=SimpleNamespace(areas=np.ones(n))) for each in (here, there)
+    )
+    closest = SimpleNamespace(interpolate=lambda values: values)
+    registered: Any = SimpleNamespace(closest=closest, on_cut=np.arange(n) < n // 2)
+    assert curvature_agreement(registered, cast(Any, part), cast(Any, whole)) == pytest.approx(1)
+
+
+def test_candidates_are_ranked_by_the_curvature_of_their_finished_maps(
+    lower: PartAndWhole, fitted: RegisteredPart, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The second of two similar fits has the better curvature; a third is too far behind to be finished."""
+    lags = 0.0, 0.5 * PART_MATCH.finished_margin, 1.1 * PART_MATCH.finished_margin
+    maps = at_mirror_images(lower), lower.true_places(), np.roll(lower.true_places(), 40)
+    scores = [{"fit": -4.0 + lag, "extent": 1.0} for lag in lags]
+    made = [PartCandidate(lower.everywhere, *each) for each in zip(maps, [fitted] * 3, scores, strict=True)]
+    agreements = iter([0.5, 0.7, 0.85, 0.95])  # before and after the first is finished, and the second
+    monkeypatch.setattr(part_match, "part_candidates", lambda *_: made)
+    monkeypatch.setattr(part_match, "register_part", lambda *_: fitted)
+    monkeypatch.setattr(part_match, "curvature_agreement", lambda *_: next(agreements))
+    monkeypatch.setattr(part_match, "for_each", lambda work, items: [work(each) for each in items])
+    found = match_part(surface_and_shapes(lower))
+    assert [one.scores[CURVATURE] for one in found] == pytest.approx([0.9, 0.6, 0.6])
+    order = maps[1], maps[0], maps[2]
+    assert all(cast(Any, one.part_match).places is each for one, each in zip(found, order, strict=True))
+    assert [cast(Any, one.part_match).finished is fitted for one in found] == [True, True, False]
+    assert found[0].certainty > 0.9 > found[1].certainty
+    gain = np.log((0.4 + CURVATURE_FLOOR) / (0.1 + CURVATURE_FLOOR)) * PART_MATCH.curvature
+    lead = found[1].scores["total"] - found[0].scores["total"]
+    assert lead == pytest.approx(gain - lags[1])
+
+
+def test_a_finished_part_is_not_registered_again(
+    lower: PartAndWhole, fitted: RegisteredPart, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    one = candidate(lower.everywhere, lower.true_places())
+    finished = replace(one, part_match=replace(cast(PartCandidate, one.part_match), finished=fitted))
+    monkeypatch.setattr(part_match, "register_part", lambda *_: pytest.fail("registered again"))
+    assert fit_part(surface_and_shapes(lower), finished).fit.surface_map is fitted.closest
+
+
+@pytest.mark.parametrize(("agreement", "sign"), [(0.0, -1), (0.66, 0), (0.95, 1)])
+def test_certainty_of_a_place_rises_with_the_agreement_of_curvature(agreement: float, sign: int) -> None:
+    nowhere: Any = SimpleNamespace(is_everywhere=True)
+    one = candidate(nowhere, np.zeros(10, dtype=np.int64), -3.0)
+    compared = replace(one, scores=one.scores | {CURVATURE: agreement})
+    assert np.sign(round(_certainty(compared, [compared]) - _certainty(one, [one]), 6)) == sign
+
+
 # --- rivals and attempts ------------------------------------------------------------------------------------
 
 
@@ -416,15 +485,16 @@ def test_evidence_decides_between_places(lower: PartAndWhole, monkeypatch: pytes
     monkeypatch.setattr(part_match, "part_candidates", lambda *_: made)
     pair = surface_and_shapes(lower)
     first, second = match_part(pair)
-    assert first.part_match is made[1]
+    assert cast(PartCandidate, first.part_match).places is made[1].places
     assert first.certainty > 100 * second.certainty
 
     def against_the_first(_map: Floats, samples: Integers, _anchors: object) -> dict[str, float]:
         return {"axes": 100.0 * np.array_equal(samples, first.sample_map)}
 
     known = match_part(pair, against_the_first)
-    assert known[0].part_match is made[0]
-    assert known[1].scores["total"] == pytest.approx(first.scores["total"] + 100 * EVIDENCE_WEIGHTS["axes"])
+    assert cast(PartCandidate, known[0].part_match).places is made[0].places
+    totals = [one.scores["total"] - _curvature_score(one.scores) for one in (known[1], first)]
+    assert totals[0] == pytest.approx(totals[1] + 100 * EVIDENCE_WEIGHTS["axes"])
     # Evidence lowers a place against its rivals; the fit alone determines absolute certainty.
     assert known[1].certainty < 1e-9
     assert known[1].scores["fit"] == first.scores["fit"]
@@ -456,21 +526,21 @@ def test_units_differ_where_one_shape_is_smaller_than_a_hand(lower: PartAndWhole
     assert units_differ(replace(pair, target_shape=at_scale(pair.target_shape, factor))) == differ
 
 
-def test_images_next_to_a_cut_do_not_count_in_the_promise(lower: PartAndWhole) -> None:
-    """Images next to a cut are ignored; the rest decides, and a smaller rest makes the promise worse."""
+def test_images_next_to_a_cut_do_not_count_in_the_cost(lower: PartAndWhole) -> None:
+    """Images next to a cut are ignored; the rest decides, and a smaller rest raises the cost."""
     part, places, unlike = lower.part, lower.true_places(), unlikeness(lower.part, lower.whole)
     astray = np.arange(len(places)) % 4 == 0
     wrong = np.where(astray, np.roll(places, 7), places)
     on_cut = np.isin(np.arange(len(lower.whole.between)), wrong[astray])
-    promises = []
+    costs = []
     for distance in (1.5 * PART_CANDIDATES.near_cut, 0.5 * PART_CANDIDATES.near_cut):
         whole = IncompleteShape(lower.whole.shape)
         whole.__dict__["cut_distance"] = np.where(on_cut, distance, 1.0)
         region = region_of(part, whole, unlike)
-        promises.append([_promise(each, region) for each in (places, wrong)])
+        costs.append([_map_cost(each, region) for each in (places, wrong)])
         with retune(PART_CANDIDATES, within=0.0):
-            promises[-1].append(_promise(wrong, region))
-    (_, unaware, _), (_, aware, without_share) = promises
+            costs[-1].append(_map_cost(wrong, region))
+    (_, unaware, _), (_, aware, without_share) = costs
     assert aware < unaware - 0.5
     assert without_share < aware - 0.1
 

@@ -12,6 +12,7 @@ from creatures import creature
 from reports import fractions_of
 from scipy.sparse.csgraph import dijkstra
 
+from zoomout_core.matching.partial.incomplete_shape import at_scale
 from zoomout_core.matching.preparation import analysis
 from zoomout_core.matching.preparation.analysis import ANALYSIS, ShapeAnalysis, analyse
 from zoomout_core.mesh.surface import MeshError
@@ -121,6 +122,12 @@ def test_curvature_has_zero_mean_and_is_sorted_coarse_to_fine(shape: ShapeAnalys
     reach = np.linalg.norm(shape.mesh.vertices[samples], axis=1)
     assert (curvature[reach > np.quantile(reach, 0.97)] > 0).all()
     assert curvature[reach < np.median(reach)].mean() < 0
+
+
+def test_curvature_of_a_scaled_shape_has_zero_mean(shape: ShapeAnalysis) -> None:
+    scaled = at_scale(shape, 0.5)
+    np.testing.assert_allclose(scaled.basis.areas @ scaled.vertex_curvature, 0, atol=1e-9)
+    np.testing.assert_array_equal(scaled.curvature, scaled.vertex_curvature[scaled.search.samples])
 
 
 def test_mirror_image_flips_only_the_sign_of_pseudo_scalars(shape: ShapeAnalysis) -> None:

@@ -14,6 +14,7 @@ from scipy.spatial import cKDTree
 import zoomout_core as zo
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.preparation.analysis import analyse
+from zoomout_core.matching.refinement import image_features
 from zoomout_core.matching.refinement import repair as repair_module
 from zoomout_core.matching.refinement.branches import BRANCHES, branches_of, exchange_branches
 from zoomout_core.matching.refinement.repair import REPAIR, repair
@@ -111,11 +112,13 @@ def test_swapped_fingers_are_rematched(pair: Pair, permutation: dict[int, int]) 
 
 def test_repair_rounds_share_their_mesh_computations(pair: Pair, monkeypatch) -> None:
     computed = []
-    for name in ("surface_samples", "branches_of", "unique_edges"):
-        function = getattr(repair_module, name)
-        monkeypatch.setattr(
-            repair_module, name, lambda *given, f=function, name=name: (computed.append(name), f(*given))[1]
-        )
+    for module, name in (
+        (image_features, "surface_samples"),
+        (repair_module, "branches_of"),
+        (image_features, "unique_edges"),
+    ):
+        function = getattr(module, name)
+        monkeypatch.setattr(module, name, lambda *given, f=function, name=name: (computed.append(name), f(*given))[1])
     assert repair(pair, send({4: 5})).filled.any()
     assert sorted(computed) == ["branches_of", "surface_samples", "unique_edges"]
 

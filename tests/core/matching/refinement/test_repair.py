@@ -13,8 +13,10 @@ from scipy.spatial import cKDTree
 import zoomout_core as zo
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.preparation.analysis import analyse
-from zoomout_core.matching.refinement import repair as repair_module
-from zoomout_core.matching.refinement.repair import REPAIR, Repair, _choose_images, _Images, repair
+from zoomout_core.matching.refinement import fill_patches
+from zoomout_core.matching.refinement.fill_patches import FILLING, choose_images
+from zoomout_core.matching.refinement.image_features import Images
+from zoomout_core.matching.refinement.repair import REPAIR, Repair, repair
 from zoomout_core.mesh.triangles import unique_edges
 from zoomout_core.tuning import retune
 
@@ -101,13 +103,13 @@ def test_filling_does_not_spread_along_long_edges() -> None:
     assert 0 < filled[0] < filled[1]
 
 
-@pytest.mark.parametrize("first", [2, REPAIR.candidates])
+@pytest.mark.parametrize("first", [2, FILLING.candidates])
 def test_the_samples_compared_first_do_not_change_the_images(pair, truth, resting, bent, monkeypatch, first) -> None:
     patch = patch_around(pair, 0, 0.2)
     torn = send(truth, patch, mirrored_vertex(resting, bent)[patch], pair)
     expected = repair(pair, torn)
     assert expected.filled.any()
-    monkeypatch.setattr(repair_module, "FIRST_CANDIDATES", first)
+    monkeypatch.setattr(fill_patches, "FIRST_CANDIDATES", first)
     found = repair(pair, torn)
     np.testing.assert_array_equal(found.surface_map.triangle, expected.surface_map.triangle)
     np.testing.assert_array_equal(found.surface_map.barycentric, expected.surface_map.barycentric)
@@ -191,8 +193,8 @@ def test_each_patch_takes_its_least_distorted_images(pair) -> None:
         shrunk[patch] = places[patch].mean(axis=0)
         stretched[other] *= 10
         filled = np.isin(np.arange(len(places)), [*patch, *other])
-        tried = [_Images(filled, filled, np.pad(each, ((0, 0), (0, 4)))) for each in (shrunk, stretched)]
-        best = _choose_images(tried, filled, edges, own)
+        tried = [Images(filled, filled, np.pad(each, ((0, 0), (0, 4)))) for each in (shrunk, stretched)]
+        best = choose_images(tried, filled, edges, own, REPAIR.max_stretch)
         assert (best[patch] == 1).all()
         assert (best[other] == 0).all()
         shrunk, stretched = places.copy(), places.copy()

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from face_masks import make_face
 from scipy.spatial.transform import Rotation
 from transfer_meshes import Sheet, globe, identity, nearest_map, plate, sheet, split_at_faces, torus, true_map, tube
 
@@ -252,6 +253,24 @@ def test_only_small_turns_of_similar_shapes_leave_keys_unrotated(
     if small:
         monkeypatch.setattr(frames, "FRAMES", replace(frames.FRAMES, same_direction=1e-3))
         assert error() > 2 * found
+
+
+def test_features_of_faces_in_one_direction_do_not_rotate_keys(monkeypatch: pytest.MonkeyPatch) -> None:
+    # Broader cheeks rotate the neighbourhoods beside the nose.
+    face = make_face()
+    places, values = face.surface.vertices, np.asarray(face.keys.values)
+    cheeks = places + np.column_stack([0 * places[:, :2], 0.25 * np.sin(4 * places[:, 0])])
+
+    def error(angle: float) -> float:
+        turn = Rotation.from_rotvec([0, np.radians(angle), 0]).as_matrix()
+        target = with_positions(face.surface, cheeks @ turn.T)
+        carried = transfer(face.keys, identity(face.surface), face.surface, target).values
+        return float(errors(np.asarray(carried), values @ turn.T).mean())
+
+    found, turned = error(1e-6), error(25.0)
+    monkeypatch.setattr(shape_keys, "HEAD", 0.1)  # the keys move more than a head
+    assert found < 0.9 * error(1e-6)
+    assert turned == pytest.approx(error(25.0))  # the direction of a turned head is uncertain
 
 
 @pytest.mark.parametrize(

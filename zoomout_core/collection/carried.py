@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Records of what the meshes of a collection received, so that a repeated run transfers to none of them twice."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from zoomout_core.messages import from_json, to_json
+from zoomout_core.runtime.outputs import write_whole
+
+# Folder of the records in the results.
+CARRIED = "carried"
+
+
+@dataclass(frozen=True)
+class Carried:
+    """The outcome of a transfer to one mesh.
+
+    Attributes:
+        notes: sentences for the user.
+        motions: how each animation differs from the source's, if joints were moved; see `MotionCheck`.
+    """
+
+    notes: tuple[str, ...]
+    motions: tuple[Mapping[str, Any], ...] = ()
+
+
+def read_carried(record: Path, key: str) -> Carried | None:
+    """The outcome of an earlier transfer of the same contents; None if there was none."""
+    try:
+        held = from_json(json.loads(record.read_bytes()))
+        if held["key"] != key:
+            return None
+        return Carried(tuple(map(str, held["notes"])), tuple(held["motions"]))
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def write_carried(record: Path, key: str, carried: Carried) -> None:
+    """Record the outcome of a transfer.
+
+    Raises:
+        OutputError: it cannot be written.
+    """
+    held = {"key": key, "notes": carried.notes, "motions": carried.motions}
+    write_whole(record, json.dumps(to_json(held), indent=1).encode())
