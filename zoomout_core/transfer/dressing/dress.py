@@ -272,7 +272,6 @@ class _Fit:
             return cls(form, motion, moved, [], True)
         # Near the positions moved by the body, with the rest edges rotated and scaled.
         length = DRESS.softest * (DRESS.stiffest / DRESS.softest) ** stiffness
-        # The images of hair are reliable far from the skin, too.
         pull = form.areas / (1 + (motion.distance / DRESS.near) ** 2)
         joined = csc_array(form.stiffness + _links(form))
         gradients = (turn_gradients(joined, motion.turns) @ form.rest.ravel()).reshape(-1, 3)
