@@ -29,9 +29,14 @@ OF_WORN = re.compile(
     r"|jeans|shorts|suit|uniform|kimono|underwear|bra\b|panty|sock|stocking|tights|shoe|boot|sandal|heel|glove|hat\b|cap\b"
     r"|helmet|glass|mask|belt|bag|ribbon|scarf|tie\b|necklace|collar|ring\b|accessor|armor|armour|outfit|tail|wing|horn"
 )
-# Words in names of hair, but not of what is worn in it.
+# Words in names of hair, but not of cloth like it, and of what is worn in it or used on it.
 OF_HAIR = re.compile(
-    r"(?<!c)hair(?! ?(band|pin|clip|tie|net|bow|ribbon|ornament|accessor))|\bwig\b|braid|bangs\b|(pony|pig) ?tail"
+    r"(?<!c)(?<!mo)hair(?!y|less| ?(band|pin|clip|tie|net|bow|ribbon|ornament|accessor|brush|comb|stick|dryer))"
+    r"|\bwig\b|braids?\b|bangs\b|ahoge|(pony|pig|twin) ?tail"
+)
+OF_HAIR_IN_JAPANESE = re.compile(
+    "髪(?!飾|留|止|紐|ゴム)|ヘア(?!バンド|ピン|クリップ|ゴム|アクセ|ネット|ブラシ|リボン)"
+    "|三つ編み|おさげ|もみあげ|ポニーテール|ツインテール|アホ毛"
 )
 
 
@@ -84,8 +89,14 @@ def are_of_body(names: Sequence[Sequence[str]], body: Sequence[str] = (), *, wea
 
 
 def is_hair(name: str, materials: Sequence[str]) -> bool:
-    """Whether a worn object is hair, by its own name or by those of all its materials."""
-    return any(each and all(OF_HAIR.search(_words(word)) for word in each) for each in ([name], materials))
+    """Whether a worn object is hair, by its name; by those of all its materials if its own names nothing worn."""
+    if _names_hair(name) or OF_WORN.search(_words(name)):
+        return _names_hair(name)
+    return bool(materials) and all(map(_names_hair, materials))
+
+
+def _names_hair(name: str) -> bool:
+    return bool(OF_HAIR.search(_words(name)) or OF_HAIR_IN_JAPANESE.search(name))
 
 
 def hair_objects(asset: Asset) -> list[bool]:

@@ -74,7 +74,19 @@ def test_kept_faces_keep_their_data(dolls: Path) -> None:
         ("braid01", (), True),
         ("PonyTail", (), True),
         ("HairBand", ("Hairpin",), False),
+        ("Wig.001", (), True),
+        ("Twintails", (), True),
+        ("前髪", (), True),
+        ("Mesh", ("ヘア", "三つ編み"), True),
+        ("髪飾り", (), False),
+        ("ヘアピン", (), False),
+        ("Hairband", ("Hair",), False),
+        ("Hat", ("Hair",), False),
+        ("hairy_coat", (), False),
+        ("MohairSweater", (), False),
+        ("BraidedBelt", (), False),
         ("Chair", (), False),
+        ("Mesh", (), False),
         ("Shirt", (), False),
     ],
 )
@@ -90,4 +102,5 @@ def test_hair_of_a_file_is_recognised(dolls: Path) -> None:
     assert hair_objects(replace(worn, objects=(("Hair", shirt), trousers))) == [True, False]
     last = int(np.asarray(worn.find(MATERIALS).values)[-1])  # type: ignore[union-attr]
     materials = [replace(each, name="Hair") if number == last else each for number, each in enumerate(worn.materials)]
-    assert hair_objects(replace(worn, materials=tuple(materials))) == [False, True]
+    hair = replace(worn, materials=tuple(materials), objects=(worn.objects[0], ("Mesh", trousers[1])))
+    assert hair_objects(hair) == [False, True]
