@@ -32,12 +32,17 @@ class Carried:
 def read_carried(record: Path, key: str) -> Carried | None:
     """The outcome of an earlier transfer of the same contents; None if there was none."""
     try:
-        held = from_json(json.loads(record.read_bytes()))
-        if held["key"] != key:
+        stored = from_json(json.loads(record.read_bytes()))
+        if stored["key"] != key:
             return None
-        return Carried(tuple(map(str, held["notes"])), tuple(held["motions"]))
+        return Carried(tuple(map(str, stored["notes"])), tuple(stored["motions"]))
     except (OSError, ValueError, KeyError, TypeError):
         return None
+
+
+def forget_carried(record: Path) -> None:
+    """Remove a record before its output is replaced, or an interrupted run would leave it beside another output."""
+    record.unlink(missing_ok=True)
 
 
 def write_carried(record: Path, key: str, carried: Carried) -> None:
@@ -46,5 +51,5 @@ def write_carried(record: Path, key: str, carried: Carried) -> None:
     Raises:
         OutputError: it cannot be written.
     """
-    held = {"key": key, "notes": carried.notes, "motions": carried.motions}
-    write_whole(record, json.dumps(to_json(held), indent=1).encode())
+    stored = {"key": key, "notes": carried.notes, "motions": carried.motions}
+    write_whole(record, json.dumps(to_json(stored), indent=1).encode())

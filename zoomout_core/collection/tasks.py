@@ -20,7 +20,7 @@ from zoomout_core.arrays import Floats, Integers
 from zoomout_core.assets.files import inputs_of, read_asset, write_asset
 from zoomout_core.assets.part_names import parts_of_file
 from zoomout_core.assets.transfer_asset import transfer_asset
-from zoomout_core.collection.carried import Carried, read_carried, write_carried
+from zoomout_core.collection.carried import Carried, forget_carried, read_carried, write_carried
 from zoomout_core.collection.pair_map import PairName, PairRecord, arrays_of, candidate_maps_of, load_candidate_maps
 from zoomout_core.collection.shapes import Item, ShapeSummary, content_key, spread_from_samples, summarise
 from zoomout_core.maps.known_match import KnownMatch
@@ -250,6 +250,7 @@ def transfer_pair(
     earlier = read_carried(record, key)
     if earlier is not None and all(path.is_file() for path in inputs_of(output)):
         return earlier
+    forget_carried(record)
     assets = read_asset(source), read_asset(target)
     known = KnownMatch.load(map_file, assets[0].surface, assets[1].surface)
     made = transfer_asset(*assets, known, kinds, move_rig=move_rig)

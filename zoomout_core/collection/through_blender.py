@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from zoomout_core.assets.asset import COLOR, MATERIALS, NORMALS, SHAPE_KEYS, UV, WEIGHTS
-from zoomout_core.collection.carried import Carried, read_carried, write_carried
+from zoomout_core.collection.carried import Carried, forget_carried, read_carried, write_carried
 from zoomout_core.collection.engine import Engine, Failure, InThisProcess, Task, run_tasks
 from zoomout_core.collection.shapes import Item, content_key
 from zoomout_core.mesh.formats.blender_files import (
@@ -128,6 +128,7 @@ def carry_pair(
     earlier = read_carried(record, key) if output.is_file() else None
     if earlier is not None:
         return earlier
+    forget_carried(record)
     output.parent.mkdir(parents=True, exist_ok=True)
     arguments = [
         "carry",

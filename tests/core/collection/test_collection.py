@@ -21,7 +21,7 @@ from zoomout_core.assets.asset import Asset, Material, material_numbers
 from zoomout_core.assets.files import read_asset, write_asset
 from zoomout_core.assets.transfer_asset import KINDS
 from zoomout_core.cli import main
-from zoomout_core.collection import collection
+from zoomout_core.collection import collection, tasks
 from zoomout_core.collection.carry import carry
 from zoomout_core.collection.collection import match_collection
 from zoomout_core.collection.engine import Done, InThisProcess, Task
@@ -331,6 +331,26 @@ def test_template_s_rig_moves_into_every_mesh_once(tubes: tuple[Path, Path], tmp
     apart = [np.linalg.norm(np.linalg.inv(each.skin.inverse_bind)[-1, :3, 3]) for each in (source, kept, moved)]
     np.testing.assert_allclose(np.divide(apart[1:], apart[0]), [1, 3], rtol=0.1)
     assert "<h2>Transferred</h2>" in (tmp_path / "out" / "report.html").read_text()
+
+
+def test_transfer_that_was_interrupted_is_repeated(
+    tubes: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    hero, output, record = tubes[0], tmp_path / "large.glb", tmp_path / "large.json"
+    surface = zo.read_surface(hero)
+    zo.SurfaceMap.from_vertices(np.arange(len(surface.vertices)), surface).save(tmp_path / "map.npz")
+
+    def rig(move_rig: bool) -> float:
+        tasks.transfer_pair(hero, tubes[1] / "large.ply", tmp_path / "map.npz", output, ("weights",), record, move_rig)
+        return float(np.ptp(read_asset(output).surface.vertices, axis=0).max())
+
+    size = rig(True)
+    with monkeypatch.context() as patch:
+        patch.delattr(tasks, "write_carried")
+        with pytest.raises(NameError):
+            rig(False)
+    assert rig(True) == pytest.approx(size)
+    assert rig(False) < 0.5 * size
 
 
 def test_moving_a_rig_needs_joints(folder: Path, tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from creatures import creature
 
 from zoomout_core.assets.files import read_asset
 from zoomout_core.cli import main
+from zoomout_core.collection.through_blender import carry_pair
 from zoomout_core.mesh.formats import blender_files
 from zoomout_core.mesh.formats.blender_files import blender_command
 from zoomout_core.mesh.formats.files import read_surface, write_shape
@@ -158,6 +159,16 @@ def test_blender_reads_and_transfers_once_and_failing_files_fail_alone(
     assert len(list((output / "surfaces").glob("scan-*.ply"))) == 1
     assert run(folder, output, *more, "--restart")[0] == 0
     assert len(calls(program)) == 6
+
+
+def test_transfer_that_ends_early_has_no_record(program: Path, folder: Path, tmp_path: Path) -> None:
+    record, map_file = tmp_path / "naked.json", tmp_path / "map.npz"
+    record.write_text("that of an earlier transfer with other options")
+    map_file.touch()
+    paths = folder / "hero.blend", folder / "naked.blend", map_file, tmp_path / "made.blend"
+    with pytest.raises(MeshError, match="It is naked"):
+        carry_pair(*paths, ("uv",), record, str(program))
+    assert not record.exists()
 
 
 @pytest.mark.slow
