@@ -48,7 +48,7 @@ def _follows(layers: Mapping[str, float], source: str) -> list[Message]:
     """The share of each layer that follows the source; those that follow it wholly are only counted."""
     partly = {name: share for name, share in layers.items() if round(share, 2) < 1}
     wholly = len(layers) - len(partly)
-    rows: list[tuple[str, float]] = [(plural(wholly, "1 layer", "{count} layers"), 1.0)] if wholly else []
+    rows: list[tuple[str, float]] = [(plural(wholly, "{count} layer", "{count} layers"), 1.0)] if wholly else []
     return [
         message("{layer}: {share:.0%} follows '{source}'", layer=layer, share=share, source=source)
         for layer, share in [*rows, *partly.items()]
