@@ -16,6 +16,7 @@ from transfer_meshes import globe, identity, nearest_map, plate
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_areas, unique_edges, vertex_normals
+from zoomout_core.samples.spheres import ball
 from zoomout_core.spectral.laplacian import mesh_laplacian
 from zoomout_core.transfer import Attribute, Domain, Kind, transfer
 from zoomout_core.transfer.cut_mesh import cut_surface
@@ -362,6 +363,21 @@ def test_doubted_stiffness_covers_only_untrusted_edges() -> None:
     doubted, expected = half.doubted_stiffness.toarray(), DOUBTED_WEIGHT * half.stiffness.toarray()
     expected[np.ix_(~top, ~top)] = 0
     np.testing.assert_allclose(doubted[edges], expected[edges], atol=1e-8)
+
+
+def test_mirrored_part_of_a_face_does_not_rotate_with_the_rest() -> None:
+    head, part = ball(1, count=600, seed=1), ball(0.7, count=400, seed=2, radii=(1, 0.8, 0.6))
+    n, beside = len(head.vertices), np.array([3.0, 0, 0])
+    source = Surface(
+        np.vstack([head.vertices, part.vertices + beside]), np.vstack([head.triangles, part.triangles + n])
+    )
+    target = Surface(
+        np.vstack([head.vertices, part.vertices * [-1, 1, 1] + beside]),
+        np.vstack([head.triangles, part.triangles[:, ::-1] + n]),
+    )
+    turns = frames_on(mapped_onto(source, target), np.ones(len(source.vertices), dtype=bool), is_face=True).steady_turns
+    np.testing.assert_allclose(turns[:n], np.tile(np.eye(3), (n, 1, 1)), atol=0.05)
+    np.testing.assert_allclose(turns[n:], np.tile(np.diag([-1.0, 1, 1]), (len(turns) - n, 1, 1)), atol=0.05)
 
 
 def test_frames_on_vertices_include_their_neighbours() -> None:
