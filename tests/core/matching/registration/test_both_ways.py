@@ -67,7 +67,7 @@ def inverse_by(
     monkeypatch.setattr(both_ways, "_inverse_fit", lambda *given: change(*inverse_fit(*given)))
 
 
-def test_mean_is_more_precise_than_either_registration(monkeypatch) -> None:
+def test_mean_is_more_precise_than_either_registration(monkeypatch: pytest.MonkeyPatch) -> None:
     found: list[SurfaceMap] = []
     inverse_by(monkeypatch, lambda inverse, gap: (found.append(inverse) or inverse, gap))
     averaged = average_both_ways(fit(), *shapes(), False)
@@ -83,7 +83,7 @@ def test_mirrored_shapes_have_mirrored_means() -> None:
     np.testing.assert_allclose(images(mirrored), images(there), atol=2e-3)
 
 
-def test_similar_images_are_averaged_halfway(monkeypatch) -> None:
+def test_similar_images_are_averaged_halfway(monkeypatch: pytest.MonkeyPatch) -> None:
     found: list[SurfaceMap] = []
     inverse_by(monkeypatch, lambda inverse, gap: (found.append(inverse) or inverse, np.zeros_like(gap)))
     averaged = average_both_ways(fit(), *shapes(), False)
@@ -117,7 +117,7 @@ def test_map_without_a_registration_is_kept() -> None:
 
 
 @pytest.mark.parametrize("gap", [2 * MAX_DIFFERENCE, np.inf])
-def test_vertices_that_the_inverse_does_not_reach_are_not_averaged(gap: float, monkeypatch) -> None:
+def test_vertices_that_the_inverse_does_not_reach_are_not_averaged(gap: float, monkeypatch: pytest.MonkeyPatch) -> None:
     tail = creatures()[1].directions[:, 1] > 0.5
     inverse_by(monkeypatch, lambda inverse, gaps: (inverse, np.where(tail, gap, gaps)))
     averaged = average_both_ways(fit(), *shapes(), False)
@@ -125,7 +125,7 @@ def test_vertices_that_the_inverse_does_not_reach_are_not_averaged(gap: float, m
     assert (images(averaged)[~tail] != images(fit())[~tail]).any(axis=1).mean() > 0.8
 
 
-def test_images_on_different_parts_are_not_averaged(monkeypatch) -> None:
+def test_images_on_different_parts_are_not_averaged(monkeypatch: pytest.MonkeyPatch) -> None:
     tail = creatures()[1].directions[:, 1] > 0.5
     opposite = int(np.argmin(creatures()[0].directions[:, 1]))
     corner = np.argwhere(shapes()[0].mesh.triangles == opposite)[0]
