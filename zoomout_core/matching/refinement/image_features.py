@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The images of a target's vertices with features that show where their map tears: geodesic distances, too."""
+"""Images of a target's vertices, with features that show where a map tears: places, normals, geodesic distances."""
 
 from __future__ import annotations
 
