@@ -19,7 +19,14 @@ from zoomout_core.drawing import encode_png
 from zoomout_core.library.library import Library, prepared_assets
 from zoomout_core.library.pictures import draw_bound, draw_colored, draw_pair
 from zoomout_core.library.search import FoundSources, LibraryAsset, search
-from zoomout_core.library.target_records import MADE, TargetRecord, place_of_picture, read_record, write_record
+from zoomout_core.library.target_records import (
+    MADE,
+    TargetRecord,
+    forget_record,
+    place_of_picture,
+    read_record,
+    write_record,
+)
 from zoomout_core.library.transfers import (
     SEARCHED,
     Carry,
@@ -110,6 +117,7 @@ def find_all(
                 key = content_key(repr((contents, prepared, *options, package_version())).encode())
                 record = read_record(folder, name, key) if resume else None
                 if record is None:
+                    forget_record(folder, name)
                     record = _find(name, path, key, assets, folder, options)
                     new += 1
                 result.records[name] = record

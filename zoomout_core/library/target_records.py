@@ -74,5 +74,10 @@ def read_record(folder: Path, name: str, key: str) -> TargetRecord | None:
     return record if record.key == key and all(each.is_file() for each in written) else None
 
 
+def forget_record(folder: Path, name: str) -> None:
+    """Remove a record before its files are replaced, or an interrupted run would leave it beside other files."""
+    _place_of_record(folder, name).unlink(missing_ok=True)
+
+
 def _place_of_record(folder: Path, name: str) -> Path:
     return folder / RECORDS / f"{name}.json"

@@ -297,6 +297,7 @@ def dress_file(
     if earlier is not None and earlier.key == key and (folder / output).is_file() and picture.is_file():
         return earlier, False
     check_no_input(folder / output, inputs_of(outfit, avatar))
+    record.unlink(missing_ok=True)  # an interrupted run would leave it beside other files
     (folder / output).parent.mkdir(parents=True, exist_ok=True)
     made = files.dress(outfit, avatar, map_file, folder / output)
     image = draw_outfit(made.checked, made.triangles, [count for _, count in made.objects], made.front)

@@ -12,6 +12,7 @@ from click.testing import CliRunner, Result
 
 from zoomout_core.assets.files import read_asset
 from zoomout_core.cli import main
+from zoomout_core.outfits.gltf_files import GltfFiles
 
 pytestmark = pytest.mark.usefixtures("quick_search")
 
@@ -20,7 +21,7 @@ def run(*arguments: object) -> Result:
     return CliRunner().invoke(main, ["outfits", *map(str, arguments), "--workers", "1", "--detail", "fast"])
 
 
-def test_avatars_are_dressed_once(dolls: Path, tmp_path: Path) -> None:
+def test_avatars_are_dressed_once(dolls: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     avatars, output = tmp_path / "avatars", tmp_path / "out"
     avatars.mkdir()
     shutil.copy(dolls / "naked.glb", avatars)
@@ -47,6 +48,11 @@ def test_avatars_are_dressed_once(dolls: Path, tmp_path: Path) -> None:
     again = json.loads(run(dolls / "dressed.glb", avatars, *options).stdout)
     assert (again["matched_now"], again["dressed_now"]) == (0, 1)
     assert again["outfits"] == figures["outfits"]
+    # Without a record, files that an interrupted run wrote with other options are not taken for those of this one.
+    (output / "dressed" / "twin" / "dressed.glb").unlink()
+    monkeypatch.delattr(GltfFiles, "dress")
+    assert "dressed on twin" in json.loads(run(dolls / "dressed.glb", avatars, *options).stdout)["failures"]
+    assert [path.parent.name for path in output.glob("records/*/*.json")] == ["naked"]
 
 
 @pytest.mark.parametrize(
