@@ -459,6 +459,15 @@ def test_certainty_of_a_place_rises_with_the_agreement_of_curvature(agreement: f
     assert np.sign(round(_certainty(compared, [compared]) - _certainty(one, [one]), 6)) == sign
 
 
+def test_a_limb_on_the_other_limb_is_not_certain_however_its_curvature_agrees() -> None:
+    """The scores are those of a leg that was placed on the other leg, and of an arm on the other arm."""
+    nowhere: Any = SimpleNamespace(is_everywhere=True)
+    for fit, extent, agreement in ((-4.58, 0.152, 0.88), (-4.89, 0.114, 0.86)):
+        one = candidate(nowhere, np.zeros(10, dtype=np.int64), fit, extent=extent)
+        compared = replace(one, scores=one.scores | {CURVATURE: agreement})
+        assert 0.5 < _certainty(compared, [compared]) < 0.9
+
+
 # --- rivals and attempts ------------------------------------------------------------------------------------
 
 
