@@ -18,6 +18,7 @@ from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.partial.incomplete_shape import IncompleteShape, at_scale
 from zoomout_core.matching.partial.part_candidates import PART_CANDIDATES, PartCandidate, _Found, images_apart
 from zoomout_core.matching.partial.part_match import (
+    CURVATURE,
     _certainty,
     fit_part,
     in_one_unit,
@@ -99,6 +100,11 @@ def test_hand_is_found_on_the_right_side_with_certainty(
     assert np.median(errors_of(placement_of(found[0]), made)) < 0.02
     assert found[0].certainty > 0.9
     assert max(other.certainty for other in found[1:]) < 0.1
+
+
+def test_places_of_a_hand_are_not_ranked_by_curvature(found: list[Candidate]) -> None:
+    """Hands and feet have a certainty of their own, which was set without curvature."""
+    assert not any(CURVATURE in one.scores for one in found)
 
 
 @pytest.mark.slow
