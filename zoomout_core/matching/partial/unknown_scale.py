@@ -50,7 +50,7 @@ class UnknownScaleTuning(Tuning, set_by="partial"):
     far: float = tuned(0.15, "length", 0, 10)  # minimum distance between two places that contribute to the scale
     likely: float = tuned(0.5, "probability", 0, 1)  # higher, as the best of several scales is chosen
     # Certainty of a part in the given unit from which no other unit is tried. Of 12 people with missing pieces that are
-    # scaled, two have .67 and .70 in the given unit, where their maps are less exact than in the true one (errors of 27
+    # scaled, two have .53 and .70 in the given unit, where their maps are less exact than in the true one (errors of 27
     # and 30 instead of 20 and 25, x 1000).
     enough: float = tuned(0.75, "probability", 0, 1)
     # Certainty of the map of two wholes above which no other unit is tried. If a piece is missing, maps with .57 and
