@@ -61,9 +61,8 @@ class PartCandidate:
     region: Region  # the part and the region, which may be the whole
     places: Integers  # (d_p,) for each place of the part that of the region
     registered: RegisteredPart  # the part, registered by it
-    scores: dict[
-        str, float
-    ]  # cost of the map, those of the registered part, and its fit: the lowest is the most likely
+    # Cost of the map, scores of the registered part, and its fit: the lowest is the most likely.
+    scores: dict[str, float]
     start: Floats | None = None  # (n, 3) the part's vertices by the rigid placement that it was registered from, if any
     finished: RegisteredPart | None = None  # the part, registered with the nodes of a final map, if it was compared so
 
