@@ -76,6 +76,14 @@ def test_avatar_keeps_all_of_its_own_data(path: Path, version: int, tmp_path: Pa
         assert shade["index"] == len(after["textures"]) - 1
 
 
+def test_images_with_the_same_content_share_it(path: Path, tmp_path: Path) -> None:
+    """Outfits often use textures of the avatar."""
+    append_to_gltf(Document(path), (), hat_of(read_asset(path)), tmp_path / "out.vrm")
+    images = tree_of(tmp_path / "out.vrm")["images"]
+    assert len(images) == len(tree_of(path)["images"]) + 1
+    assert len({image["bufferView"] for image in images}) == 1
+
+
 def test_added_mesh_keeps_its_place_and_weights(path: Path, tmp_path: Path) -> None:
     asset = read_asset(path)
     assert asset.skin is not None

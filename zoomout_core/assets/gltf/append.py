@@ -165,7 +165,7 @@ class _Made:
                 kind = None if content is None else image_type(content)
                 if content is not None and kind is not None and kind.mime:
                     del image["uri"]
-                    image |= {"bufferView": made.add_view(content), "mimeType": kind.mime}
+                    image |= {"bufferView": made.view_of_image(content), "mimeType": kind.mime}
         made.tree["asset"]["generator"] = f"ZoomOut Transfer {package_version()}"
         return made
 
@@ -185,6 +185,19 @@ class _Made:
         view = {**(about or {}), "buffer": 0, "byteOffset": len(self.content), "byteLength": len(content)}
         self.content.extend(content)
         return self.add("bufferViews", view)
+
+    def view_of_image(self, content: bytes) -> int:
+        """The number of a view with the content of an image: images with the same content share it."""
+        for image in self.rows("images"):
+            number = image.get("bufferView")
+            if number is not None and self._has_content(self.rows("bufferViews")[number], content):
+                return int(number)
+        return self.add_view(content)
+
+    def _has_content(self, view: dict[str, Any], content: bytes) -> bool:
+        """Whether a view has some content."""
+        start = view.get("byteOffset", 0)
+        return view["byteLength"] == len(content) and self.content[start : start + len(content)] == content
 
     def add_node(self, node: dict[str, Any], parent: int) -> None:
         """Add a node below another one, or at the top of the scene."""
@@ -304,7 +317,7 @@ class _LookCopier(_Copier):
             if content is None or kind is None or not kind.mime:
                 return None
             row.pop("uri", None)
-            row |= {"bufferView": self.made.add_view(content), "mimeType": kind.mime}
+            row |= {"bufferView": self.made.view_of_image(content), "mimeType": kind.mime}
         return row
 
     def _describe_material(self, number: int, row: dict[str, Any]) -> None:
