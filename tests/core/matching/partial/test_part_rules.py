@@ -442,6 +442,18 @@ def test_candidates_are_ranked_by_the_curvature_of_their_finished_maps(
     assert lead == pytest.approx(gain - lags[1])
 
 
+@pytest.mark.parametrize("fragments", [False, True])
+def test_fragments_are_not_ranked_by_curvature(
+    lower: PartAndWhole, fitted: RegisteredPart, monkeypatch: pytest.MonkeyPatch, fragments: bool
+) -> None:
+    made = PartCandidate(lower.everywhere, lower.true_places(), fitted, {"fit": -4.0, "extent": 1.0})
+    monkeypatch.setattr(part_match, "part_candidates", lambda *_: [made])
+    monkeypatch.setattr(part_match, "register_part", lambda *_: fitted)
+    monkeypatch.setattr(part_match, "are_fragments", lambda _: fragments)
+    (one,) = match_part(surface_and_shapes(lower))
+    assert (CURVATURE in one.scores) != fragments
+
+
 def test_a_finished_part_is_not_registered_again(
     lower: PartAndWhole, fitted: RegisteredPart, monkeypatch: pytest.MonkeyPatch
 ) -> None:
