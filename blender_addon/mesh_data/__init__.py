@@ -24,7 +24,7 @@ from .attributes.layers import (
 )
 from .attributes.marks import MARKS, SEAMS, read_marks, write_marks
 from .attributes.materials import read_materials, write_materials
-from .attributes.normals import read_custom_normals, read_normals, read_own_normals, write_custom_normals
+from .attributes.normals import read_normals, read_own_normals, write_custom_normals
 from .attributes.selection import read_selection, select_only, write_selection
 from .attributes.vertex_groups import (
     deforming_bones,
@@ -260,7 +260,6 @@ __all__ = [
     "read_animation",
     "read_body_keys",
     "read_bones",
-    "read_custom_normals",
     "read_detailed_mesh",
     "read_faces",
     "read_full_offsets",
