@@ -347,46 +347,59 @@ def _primitives(
     shape: _Shape, asset: Asset, part: Part, weights: csr_array | None, joints: Sequence[int] | None, buffer: Buffer
 ) -> list[Primitive]:
     """Make a primitive for each material of a part, with vertices split where corners differ."""
-    gltf = library()
-    surface, materials, keys = asset.surface, asset.find(MATERIALS), asset.find(SHAPE_KEYS)
-    number = np.full(len(surface.face_start) - 1, -1) if materials is None else np.asarray(materials.values)
+    materials = asset.find(MATERIALS)
+    number = np.full(len(asset.surface.face_start) - 1, -1) if materials is None else np.asarray(materials.values)
     own = shape.triangles[part.start]
-    of_triangle = number[surface.triangle_face[own]]
+    of_triangle = number[asset.surface.triangle_face[own]]
     influences = None
     if joints is not None and weights is not None and asset.skin is not None:
         at = {node: local for local, node in enumerate(joints)}
         columns = np.array([at.get(node, 0) for node in asset.skin.nodes.tolist()], dtype=np.int64)
         influences = _influences(weights[part.start : part.stop], columns)
-    labels = np.array([] if keys is None else [keys.labels.index(key) for key in part.keys], dtype=np.int64)
     primitives = []
     for material in np.unique(of_triangle):
-        chosen = shape.corners[own[of_triangle == material]]
-        split, triangles = np.unique(shape.split[chosen], return_inverse=True)
-        # Use one corner of each vertex for all.
-        example = np.empty(len(split), dtype=np.int64)
-        example[triangles.ravel()] = chosen.ravel()
-        vertex = surface.corner_vertex[example]
-        attributes = gltf.Attributes(
-            POSITION=buffer.add(shape.positions[vertex].astype("<f4"), ARRAY_BUFFER, bounded=True),
-            **{name: buffer.add(values[example].astype("<f4"), ARRAY_BUFFER) for name, values in shape.rows.items()},
-        )
-        if influences is not None:
-            joint, share = influences
-            _add_influences(attributes, joint[vertex - part.start], share[vertex - part.start], buffer)
-        primitive = gltf.Primitive(attributes=attributes, mode=4)
-        primitive.indices = buffer.add(triangles.ravel().astype("<u4"), ELEMENT_ARRAY_BUFFER)
+        corners = shape.corners[own[of_triangle == material]]
+        primitives.append(_primitive(shape, asset, part, corners, influences, buffer))
         if material >= 0:
-            primitive.material = int(material)
-        if keys is not None and len(labels):
-            offsets = np.asarray(keys.values)[np.ix_(vertex, labels)]
-            if shape.linear is not None:
-                offsets = np.einsum("nxy,nky->nkx", shape.linear[vertex], offsets)
-            primitive.targets = [
-                gltf.Attributes(POSITION=buffer.add(offsets[:, key].astype("<f4"), ARRAY_BUFFER, bounded=True))
-                for key in range(len(labels))
-            ]
-        primitives.append(primitive)
+            primitives[-1].material = int(material)
     return primitives
+
+
+def _primitive(
+    shape: _Shape,
+    asset: Asset,
+    part: Part,
+    corners: Integers,  # (m, 3) of its triangles
+    influences: tuple[NDArray[Any], NDArray[Any]] | None,  # joints and weights (v, s) of the part's vertices
+    buffer: Buffer,
+) -> Primitive:
+    """Make the primitive of some triangles of a part."""
+    gltf = library()
+    split, triangles = np.unique(shape.split[corners], return_inverse=True)
+    # Use one corner of each vertex for all.
+    example = np.empty(len(split), dtype=np.int64)
+    example[triangles.ravel()] = corners.ravel()
+    vertex = asset.surface.corner_vertex[example]
+    attributes = gltf.Attributes(
+        POSITION=buffer.add(shape.positions[vertex].astype("<f4"), ARRAY_BUFFER, bounded=True),
+        **{name: buffer.add(values[example].astype("<f4"), ARRAY_BUFFER) for name, values in shape.rows.items()},
+    )
+    if influences is not None:
+        joint, share = influences
+        _add_influences(attributes, joint[vertex - part.start], share[vertex - part.start], buffer)
+    primitive = gltf.Primitive(attributes=attributes, mode=4)
+    primitive.indices = buffer.add(triangles.ravel().astype("<u4"), ELEMENT_ARRAY_BUFFER)
+    keys = asset.find(SHAPE_KEYS)
+    if keys is not None and part.keys:
+        labels = np.array([keys.labels.index(key) for key in part.keys], dtype=np.int64)
+        offsets = np.asarray(keys.values)[np.ix_(vertex, labels)]
+        if shape.linear is not None:
+            offsets = np.einsum("nxy,nky->nkx", shape.linear[vertex], offsets)
+        primitive.targets = [
+            gltf.Attributes(POSITION=buffer.add(offsets[:, key].astype("<f4"), ARRAY_BUFFER, bounded=True))
+            for key in range(len(labels))
+        ]
+    return primitive
 
 
 def _add_influences(attributes: Any, joint: NDArray[Any], share: NDArray[Any], buffer: Buffer) -> None:
