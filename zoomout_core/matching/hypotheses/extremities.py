@@ -10,14 +10,14 @@ extremities as constraints.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import islice, zip_longest
 
 import numpy as np
 
-from zoomout_core.arrays import Floats, Integers
+from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.maps.anchors import Anchors
 from zoomout_core.maps.nearest import nearest
 from zoomout_core.matching.hypotheses.hypothesis import HYPOTHESES, Hypothesis, alike
@@ -153,21 +153,33 @@ def _best_maps(
             evidence = disagreement(functional_map, sample_map, None)
             scores.append(total_score(scores_of(functional_map, sample_map, source, target, side < 0) | evidence))
             places.append(source.coordinates[sample_map])
-        by_score = np.argsort(scores, kind="stable")
-        by_pairs = sorted(by_score, key=lambda i: -len(found[i][0]))
-        same = alike(places, HYPOTHESES.same_map)
-        kept: list[int] = []
-        for quota, by_merit in zip(quotas, (np.arange(len(found)), by_score), strict=True):
-            for i in by_merit:
-                if len(kept) < quota and not same[i, kept].any():
-                    # Among similar maps, keep the one that most pairs support, whatever their order.
-                    kept.append(int(by_pairs[np.argmax(same[i, by_pairs])]))
+        kept = _select(np.array(scores), alike(places, HYPOTHESES.same_map), [len(pairs) for pairs, _ in found], quotas)
         for of_target, of_source in (found[i] for i in kept):
             pairs = " ".join(f"{t}-{s}" for t, s in zip(of_target, of_source, strict=True))
             origin = f"extremities {pairs}" + ", mirrored" * (side < 0)
             anchors = Anchors(tips_source.places.features(of_source), tips_target.places.features(of_target, side))
             hypotheses.append(anchored_hypothesis(origin, source, target, anchors))
     return hypotheses
+
+
+def _select(scores: Floats, same: Booleans, pairs: Sequence[int], quotas: tuple[int, int]) -> list[int]:
+    """Numbers of distinct maps to keep, up to the first quota in their order, and up to the second one by score.
+
+    Args:
+        scores: (m,) of maps; the lowest is the best.
+        same: (m, m) which maps are alike.
+        pairs: (m,) number of pairs of tips that support each.
+        quotas: numbers of maps after each choice.
+    """
+    by_score = np.argsort(scores, kind="stable")
+    by_pairs = sorted(by_score, key=lambda i: -pairs[i])
+    kept: list[int] = []
+    for quota, by_merit in zip(quotas, (np.arange(len(scores)), by_score), strict=True):
+        for i in by_merit:
+            if len(kept) < quota and not same[i, kept].any():
+                # Among similar maps, keep the one that most pairs support, whatever their order.
+                kept.append(int(by_pairs[np.argmax(same[i, by_pairs])]))
+    return kept
 
 
 @once_per_argument
@@ -192,6 +204,7 @@ def has_extremities(shape: ShapeAnalysis) -> bool:
 
 @once_per_argument
 def maxima(shape: ShapeAnalysis) -> tuple[Integers, Floats]:
+    """(e,) vertices where the average distance is largest nearby, and (e,) their persistence, in falling order."""
     return _persistent_maxima(_average_distance(shape), shape.mesh)
 
 
