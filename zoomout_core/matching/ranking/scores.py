@@ -94,7 +94,7 @@ def scores_of(
     target: ShapeAnalysis,
     reverses_orientation: bool,
 ) -> dict[str, float]:
-    """The criteria for one direction of a map.
+    """The criteria for one direction of a map: C (k_target, k_source), and the source sample (s_t,) of each target one.
 
     Returns:
         commutativity: of C with the Laplacians (0 for an isometry);
