@@ -13,7 +13,7 @@ import click
 from zoomout_core.assets.files import check_compression
 from zoomout_core.batch import FAILED, PARTLY
 from zoomout_core.cli.report import json_option
-from zoomout_core.collection.engine import has_dask, local_engine
+from zoomout_core.collection.dask_engine import has_dask, local_engine
 from zoomout_core.collection.report import PAGE
 from zoomout_core.command_options import compress_option, detail_options, progress_bar, tell
 from zoomout_core.matching.options import MatchOptions

@@ -133,7 +133,7 @@ def match_collection(
         pairs: sources and targets by their names, or "all".
         neighbours: number of shapes with similar spectra to match each shape with; all shapes are connected.
         options: options of every match, without landmarks or an initial map.
-        engine: runs the tasks, see `collection.engine.local_engine`; None for this process.
+        engine: runs the tasks, see `collection.dask_engine.local_engine`; None for this process.
         cache: folder of prepared shapes.
         agree: whether to choose candidates that agree with each other.
         carries: whether Blender reads all shapes, so that it can transfer data between them. It always reads .blend and
