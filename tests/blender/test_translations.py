@@ -50,7 +50,7 @@ TEMPLATES = {
     "sentences",
     "warning",
 }
-SHOWING = {"Finding", "poll_message_set", "reported", "status_text_set", "translated"}
+SHOWING = {"Finding", "is_available", "poll_message_set", "reported", "status_text_set", "translated"}
 # Modules of the core whose stages and plain errors the add-on does not run into.
 OF_CORE = (
     "library",
