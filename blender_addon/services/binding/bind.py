@@ -126,7 +126,8 @@ async def prepare_binding(
     if keys is not None:
         with portion(KEYS, CHECKING):
             await compute(partial(keys.transfer_to_rest, job, rest))
-    heads, rigs = rigged.bones.heads, []
+    heads = rigged.bones.heads
+    rigs: list[_NamedBones] = []
     if binding.move_rig:
         rigs, on_constraints = await _move_rigs(context, pair, posed, rigged, rest)
         notes += on_constraints
