@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Write the primitives of glTF meshes: a surface in the frames of its nodes, its vertices split where corners differ."""
+"""Write the primitives of glTF meshes: a surface in the frames of its nodes, with vertices split by corner data."""
 
 from __future__ import annotations
 
