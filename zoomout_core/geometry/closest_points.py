@@ -7,7 +7,6 @@ The closest point is in the interior of a triangle, on an edge or at a corner. I
 
 from __future__ import annotations
 
-from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -15,6 +14,7 @@ from scipy.sparse import coo_array, csc_array
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import AnyFloats, Floats, Indices, Integers, row_norms, take_rows
+from zoomout_core.runtime.once import cached_property
 from zoomout_core.runtime.threads import threads
 
 # Pairs of a point and a triangle processed together; bounds the memory.

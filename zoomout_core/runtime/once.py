@@ -1,14 +1,37 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Values that are computed once for an object, and cached with it."""
+"""Values that are computed once for an object, and cached with it.
+
+Threads that need the same value at the same time may each compute it, but all get the first result.
+"""
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from functools import wraps
-from typing import TypeVar, cast
+from typing import TYPE_CHECKING, TypeVar, cast
 
 Argument = TypeVar("Argument")
 Result = TypeVar("Result")
+
+
+if TYPE_CHECKING:
+    from functools import cached_property as cached_property  # explicitly, so that other modules may import it
+else:
+
+    class cached_property(functools.cached_property):  # noqa: N801 - named like the one that it replaces
+        """A cached property that several objects compute at the same time.
+
+        Before Python 3.12, the one of `functools` has a lock for all objects of a class, so their threads wait for each
+        other.
+        """
+
+        def __get__(self, instance, owner=None):
+            if instance is None:
+                return self
+            if self.attrname not in instance.__dict__:
+                instance.__dict__.setdefault(self.attrname, self.func(instance))
+            return instance.__dict__[self.attrname]
 
 
 def once_per_argument(function: Callable[[Argument], Result]) -> Callable[[Argument], Result]:
@@ -21,7 +44,7 @@ def once_per_argument(function: Callable[[Argument], Result]) -> Callable[[Argum
     @wraps(function)
     def wrapper(argument: Argument) -> Result:
         if name not in argument.__dict__:
-            argument.__dict__[name] = function(argument)
+            argument.__dict__.setdefault(name, function(argument))
         return cast(Result, argument.__dict__[name])
 
     return wrapper

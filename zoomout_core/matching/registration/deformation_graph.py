@@ -9,7 +9,6 @@ which then costs less.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -21,6 +20,7 @@ from scipy.spatial.transform import Rotation
 from zoomout_core.arrays import Floats, Integers, SingleFloats, segment_sum, take_rows
 from zoomout_core.geometry.procrustes import Moments, products
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
+from zoomout_core.runtime.once import cached_property
 
 # Diagonals grow by this part (Marquardt 1963), which exceeds the rounding of single precision. Single precision takes
 # two thirds of the time, and is exact enough because the next step searches closest points again. The second, relative
