@@ -27,6 +27,7 @@ from zoomout_core.matching.preparation.prepare import AHEAD, prepare_shape
 from zoomout_core.matching.ranking.finished_maps import rank_finished
 from zoomout_core.matching.ranking.rank import Candidate, rank, upsample_hypothesis
 from zoomout_core.matching.ranking.rotational_symmetry import self_maps, with_turned
+from zoomout_core.matching.registration.both_ways import prepare_registration
 from zoomout_core.matching.report.notes import notes_on_input, notes_on_landmarks
 from zoomout_core.matching.result import MatchResult, make_result, outline
 from zoomout_core.matching.retry import needs_retry, retry
@@ -226,7 +227,7 @@ def _prepare_rest(shape: ShapeAnalysis, turns: bool) -> None:
         self_maps(shape)
     if not shape.proxy.full.is_hull:
         _ = shape.proxy.place
-    _ = shape.neighbourhoods
+    prepare_registration(shape)
 
 
 def _read(shape: Surface | PointCloud) -> Surface:

@@ -9,9 +9,10 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable
 from functools import wraps
-from typing import TYPE_CHECKING, TypeVar, cast
+from typing import TYPE_CHECKING, Concatenate, ParamSpec, TypeVar, cast
 
 Argument = TypeVar("Argument")
+Further = ParamSpec("Further")
 Result = TypeVar("Result")
 
 
@@ -34,17 +35,21 @@ else:
             return instance.__dict__[self.attrname]
 
 
-def once_per_argument(function: Callable[[Argument], Result]) -> Callable[[Argument], Result]:
-    """Cache the result of a function of an object with the object, like a cached property.
+def once_per_argument(
+    function: Callable[Concatenate[Argument, Further], Result],
+) -> Callable[Concatenate[Argument, Further], Result]:
+    """Cache the results of a function of an object with the object, like a cached property.
 
-    So a module can extend a class of a lower layer, which need not know of it.
+    So a module can extend a class of a lower layer, which need not know of it. Each combination of further arguments,
+    such as a number, has its own result.
     """
     name = f"{function.__module__}.{function.__qualname__}"
 
     @wraps(function)
-    def wrapper(argument: Argument) -> Result:
-        if name not in argument.__dict__:
-            argument.__dict__.setdefault(name, function(argument))
-        return cast(Result, argument.__dict__[name])
+    def wrapper(argument: Argument, /, *further: Further.args, **named: Further.kwargs) -> Result:
+        key = " ".join([name, *map(repr, further), *map(repr, named.items())])
+        if key not in argument.__dict__:
+            argument.__dict__.setdefault(key, function(argument, *further, **named))
+        return cast(Result, argument.__dict__[key])
 
     return wrapper

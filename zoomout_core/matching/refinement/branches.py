@@ -79,7 +79,7 @@ class Tips(NamedTuple):
     def leading(self, persistence: float, max_count: int) -> Tips:
         """The first tips, those above a persistence."""
         count = min(int((self.persistence > persistence).sum()), max_count)
-        return Tips(*(values[:count] for values in self))
+        return Tips(self.vertices[:count], self.persistence[:count], self.distances[:count])
 
 
 @once_per_argument

@@ -41,10 +41,16 @@ class QueryPoints:
     @classmethod
     def on(cls, shape: ShapeAnalysis, nodes: int) -> QueryPoints:
         """Points for a deformation graph of some number of nodes."""
-        samples = shape.sampled.samples[: min(QUERY_POINTS_PER_NODE * nodes, MAX_QUERY_POINTS)]
+        return cls.first(shape, min(QUERY_POINTS_PER_NODE * nodes, MAX_QUERY_POINTS))
+
+    @staticmethod
+    @once_per_argument
+    def first(shape: ShapeAnalysis, count: int) -> QueryPoints:
+        """The first samples of a shape."""
+        samples = shape.sampled.samples[:count]
         owner = np.asarray(cKDTree(shape.mesh.vertices[samples]).query(shape.mesh.vertices)[1])
         areas = shape.basis.areas
-        return cls(samples, segment_sum(areas, owner, len(samples)) / areas.sum())
+        return QueryPoints(samples, segment_sum(areas, owner, len(samples)) / areas.sum())
 
 
 @dataclass(frozen=True, eq=False)
