@@ -77,3 +77,19 @@ def test_no_module_uses_the_property_with_a_lock() -> None:
         and any("cached_property" in line for line in text.splitlines() if line.startswith("from functools import"))
     ]
     assert uses == []
+
+
+def test_each_further_argument_has_its_own_value() -> None:
+    computed: list[tuple[int, bool]] = []
+
+    @once_per_argument
+    def value(_: Shape, count: int, whole: bool = False) -> list[int]:
+        computed.append((count, whole))
+        return [count]
+
+    one, other = (Shape(threading.Barrier(1)) for _ in range(2))
+    assert value(one, 4) is value(one, 4) == [4]
+    assert value(one, 5) == [5]
+    assert value(one, 4, whole=True) is not value(one, 4)
+    assert value(other, 4) is not value(one, 4)
+    assert computed == [(4, False), (5, False), (4, True), (4, False)]
