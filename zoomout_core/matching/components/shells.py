@@ -187,6 +187,8 @@ def _motion(pair: Pair, fit: Fit, confidence: Floats) -> tuple[SimilarityField, 
     images = np.where(moves[:, None], bent, fit.surface_map.interpolate(source.vertices))
     places = overlapping(pair)
     basis = pair.target_shape.basis
-    if pair.source is pair.target or places is None or not leaves_in_place(images, places, basis.areas):
-        return SimilarityField(target.vertices, images, confidence, basis), False
-    return SimilarityField(target.vertices, places, confidence, basis), True
+    if pair.source is not pair.target and places is not None:
+        rotations = SimilarityField(places, images, confidence, basis).rotations(places)
+        if leaves_in_place(images, places, basis.areas, rotations):
+            return SimilarityField(target.vertices, places, confidence, basis), True
+    return SimilarityField(target.vertices, images, confidence, basis), False
