@@ -190,3 +190,20 @@ def map_onto_partner(
         if stays and np.median(image.distance) < SHELL_IMAGES.flush:
             break
     return min(tried, key=itemgetter(1))
+
+
+def find_beyond(image: Image, onto: Image, part: Part, partner: int, component: Integers, margin: float) -> Booleans:
+    """(n,) which vertices of a target's shell are beyond its partner, such as the head of a shell of head and torso.
+
+    They are nearer by more than a margin to their `image` on another shell than to that `onto` the partner.
+
+    Args:
+        image: images of all vertices of the target by the body's map.
+        onto: images (n,) of the shell's vertices on its partner.
+        part: the shell.
+        partner: number of its partner.
+        component: (m,) the number of the shell of each triangle of the source.
+        margin: at unit area of the hull.
+    """
+    on_other = component[image.triangle[part.vertices]] != partner
+    return on_other & (onto.distance > image.distance[part.vertices] + margin)

@@ -14,17 +14,18 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.arrays import Floats
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.geometry.oriented_closest_points import OrientedSurface
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.components.overlap import leaves_in_place, overlapping
 from zoomout_core.matching.components.part_motions import MovedTarget
-from zoomout_core.matching.components.parts import MAX_PAIRED_PARTS, Part, Side
+from zoomout_core.matching.components.parts import MAX_PAIRED_PARTS, Side
 from zoomout_core.matching.components.shell_images import (
     SHELL_IMAGES,
     Image,
     find_beneath,
+    find_beyond,
     find_covered,
     map_onto_partner,
     move_to_parts,
@@ -126,27 +127,18 @@ def _map_pairs(
         return 0
     mesh, component = source.mesh, source.mesh.component[source.mesh.triangles[:, 0]]
     shells = OrientedSurface(source.points, mesh.triangles, mesh.flipped, SHELL_IMAGES.normal_weight, component)
+    margin = SHELL_IMAGES.cover if in_place else SHELLS.half_distance  # errors of the body's map
     for (i, j), similarity in zip(partners, motions, strict=True):
         part = ours[i]
         onto, stretch = map_onto_partner(part, j, similarity, motion.scale, in_place, normals, shells, source, target)
         on = onto.distance < np.maximum(SHELLS.beside, image.distance[part.vertices])
-        if in_place:
-            on &= ~_beyond_partner(image, onto, part, j, component)
+        on &= ~find_beyond(image, onto, part, j, component, margin)
         vertices = part.vertices[on]
         image.triangle[vertices], image.barycentric[vertices] = onto.triangle[on], onto.barycentric[on]
         image.distance[vertices] = onto.distance[on]
         confidence[vertices] = SHELLS.pair_confidence / (1 + (stretch / SHELLS.half_stretch) ** 2)
         has_partner.target[vertices] = has_partner.source[theirs[j].vertices] = True
     return len(partners)
-
-
-def _beyond_partner(image: Image, onto: Image, part: Part, partner: int, component: Integers) -> Booleans:
-    """(n,) which vertices of a shell are beyond its partner, such as a head that is welded to a torso.
-
-    In place, they are much nearer to their `image` on another shell than to that `onto` the partner.
-    """
-    is_other = component[image.triangle[part.vertices]] != partner
-    return is_other & (onto.distance > image.distance[part.vertices] + SHELL_IMAGES.cover)
 
 
 def _find_partners(
