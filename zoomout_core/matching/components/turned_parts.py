@@ -61,9 +61,9 @@ def carry_turned(
         (n, 3) points and (n, 3) normals.
     """
     ours = target.parts(points)
-    if pair.source is pair.target:
-        return points, normals
     large = [_count_large(parts) for parts in (ours, theirs)]
+    if pair.source is pair.target or not min(large):
+        return points, normals
     pairs, similarities = pair_shells(pair, motion, ours[: large[0]], list(theirs[: large[1]]), source, target)
     points, normals, leader = points.copy(), normals.copy(), np.full(len(points), -1)
     for number, ((i, j), similarity) in enumerate(zip(pairs, similarities, strict=True)):
