@@ -38,7 +38,9 @@ LOOK_AT_SIDES = "Check whether sides are swapped; if so, choose another candidat
 LOOK_AT_TORN = "Look at the torn vertices, and add landmarks around them."
 ONLY_IF_MIRRORED = "Use it only if the target is a mirror image of the source."
 LOOK_AT_DOUBTFUL = "Look at the doubtful vertices, and add landmarks there, or transfer to the rest only."
-LOOK_AT_PARTS = "Check the list of parts; add landmarks on those that are missing, or transfer their data separately."
+LOOK_AT_PARTS = (
+    "Look for parts of the source whose data the target lacks; add landmarks on them, or transfer them separately."
+)
 LOOK_AT_ALONE = "Look at the vertices without a partner, and check that the source lacks that part."
 
 
