@@ -26,6 +26,7 @@ from zoomout_core.matching.components.shell_images import (
     Image,
     find_beneath,
     find_beyond,
+    find_caps,
     find_covered,
     map_onto_partner,
     move_to_parts,
@@ -79,7 +80,7 @@ def map_shells(pair: Pair, fit: Fit, confidence: Floats, of_hulls: Partners) -> 
     """Map the shells of two surfaces, given the map between their hulls, its confidence (n,) and its partners."""
     source = Side.of(pair.source, pair.source_shape.proxy.full)
     target = Side.of(pair.target, pair.target_shape.proxy.full)
-    motion, in_place = _motion(pair, fit, confidence)
+    motion, in_place = _motion(pair, fit, confidence, target)
     points, normals, around = carry_in_blocks(motion, target.points, target.mesh.vertex_normals)
     moved = MovedTarget(points, normals, motion, in_place)
     image = _map_outsides(pair, moved, source, target)
@@ -181,8 +182,11 @@ def _pin(between: SurfaceMap, landmarks: tuple[Floats, Floats], source: Side, ta
     return replace_images(between, bent, SurfaceMap(*found, triangles))
 
 
-def _motion(pair: Pair, fit: Fit, confidence: Floats) -> tuple[SimilarityField, bool]:
-    """The motion of the target's hull to the source's, in the frames of the hulls, and whether it stays in place."""
+def _motion(pair: Pair, fit: Fit, confidence: Floats, side: Side) -> tuple[SimilarityField, bool]:
+    """The motion of the target's hull to the source's, in the frames of the hulls, and whether it stays in place.
+
+    Where the hull closes an opening of the target's `side`, such as the waist of a bust, its map does not count.
+    """
     source, target = pair.source_shape.proxy, pair.target_shape.proxy
     centre, size = source.frame
     bent = centre + size * fit.positions
@@ -192,6 +196,7 @@ def _motion(pair: Pair, fit: Fit, confidence: Floats) -> tuple[SimilarityField, 
     basis = pair.target_shape.basis
     if pair.source is not pair.target and places is not None:
         rotations = SimilarityField(places, images, confidence, basis).rotations(places)
-        if leaves_in_place(images, places, basis.areas, rotations):
+        areas = np.where(find_caps(target.vertices, side), 0, basis.areas)
+        if leaves_in_place(images, places, areas, rotations):
             return SimilarityField(target.vertices, places, confidence, basis), True
     return SimilarityField(target.vertices, images, confidence, basis), False

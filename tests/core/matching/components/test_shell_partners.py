@@ -14,7 +14,7 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from zoomout_core.matching.components.parts import Side
-from zoomout_core.matching.components.shell_images import Image, find_beneath, find_beyond
+from zoomout_core.matching.components.shell_images import Image, find_beneath, find_beyond, find_caps
 from zoomout_core.matching.components.shell_pairs import pair_shells
 from zoomout_core.mesh.surface import Surface
 
@@ -148,3 +148,12 @@ def test_vertices_nearer_to_another_shell_are_beyond_their_partner(onto: float, 
     of_triangle = np.array([0, 1])
     assert (find_beyond(by_body, on_partner, part, 0, of_triangle, 0.045) == beyond).all()
     assert not find_beyond(by_body, on_partner, part, 1, of_triangle, 0.045).any()
+
+
+def test_hull_over_an_opening_is_a_cap() -> None:
+    hull = egg(size=4)
+    height = hull[:, 2]
+    above = CORNERS[(height > np.quantile(height, 0.3))[CORNERS].all(axis=1)]
+    is_cap = find_caps(hull, side([hull], above))
+    assert not is_cap[height > np.quantile(height, 0.4)].any()
+    assert is_cap[height < np.quantile(height, 0.1)].all()
