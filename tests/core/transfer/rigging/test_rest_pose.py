@@ -54,6 +54,20 @@ def test_slid_map_is_replaced_where_the_target_lies_on_the_source():
     assert first.mapped.surface_map is mapped.surface_map
 
 
+def test_noise_does_not_make_another_body():
+    source, still = tube(), tube(36, 160, turned=0.4)
+    target = pose_surface(still, bend(*SOFT))
+    noise = 0.0025 * np.sqrt(target.area) * np.random.default_rng(0).standard_normal(target.vertices.shape)
+    mapped = _map_at_rest(source, target.with_vertices(target.vertices + noise), still.vertices, shift=0.12)
+    found = find_pose(mapped, source, weights_of(source.vertices), PARENTS)
+    assert found.mapped.surface_map is not mapped.surface_map
+    with retune(REST, averaged=1e-9):
+        coupled = find_pose(mapped, source, weights_of(source.vertices), PARENTS)
+    assert coupled.mapped.surface_map is mapped.surface_map
+    errors = [np.median(_errors(each, source, still.vertices)) for each in (found, coupled)]
+    assert errors[0] < 0.7 * errors[1]
+
+
 def test_source_may_be_posed():
     source, still = tube(), tube(13, 55, turned=0.4)
     target = pose_surface(still, bend(*SOFT))
