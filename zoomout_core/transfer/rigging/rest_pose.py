@@ -117,7 +117,7 @@ def find_pose(mapped: MappedTarget, rest: Surface, weights: csr_array, parents: 
         trust = areas * np.where(trusted, np.maximum(confidence, REST.beside), REST.beside * confidence)
         pose = refine_pose(pose, found.points, target.vertices, normals, own, trust, parents)
     bent = _project_at_rest(found, mapped, pose, weights, search, np.inf)
-    if not bent.averaged(target).is_near(REST.settled + REST.faceted * _height_of_arcs(rest)):
+    if not bent.average(target).is_near(REST.settled + REST.faceted * _height_of_arcs(rest)):
         found, pose = replace(mapped, confidence=confidence), estimate_pose(*fitted, BONES.of_others)
         bent = _project_at_rest(found, mapped, pose, weights, search, np.inf)
     if pose.is_rest:
@@ -164,7 +164,7 @@ class _Projection:
         """Whether half of the vertices are within some distance of the source, at unit area."""
         return bool(np.median(self.off) <= distance * self.unit)
 
-    def averaged(self, target: Surface) -> _Projection:
+    def average(self, target: Surface) -> _Projection:
         """The same with the mean vectors of the nearest vertices, in which the noise of a scan cancels out."""
         radius, count = REST.averaged * np.sqrt(target.area), min(AVERAGED_NEIGHBOURS, len(self.apart))
         distance, near = cKDTree(target.vertices).query(target.vertices, count, distance_upper_bound=radius)
