@@ -224,7 +224,7 @@ class _Face:
         """
         vertices, head = self.mesh.vertices, self.head
         chosen, shifts = [np.empty(0, dtype=np.int64)], [np.empty((0, 3))]
-        for eye in self.eyes:
+        for eye, inner in zip(self.eyes, (0, -1), strict=True):
             near = row_norms(vertices - eye) < NEAR_EYE * head.size
             here = find_eye_opening(vertices, self.mesh.triangles, eye, head)
             if here is None or not near.any():
@@ -232,7 +232,7 @@ class _Face:
             moved = eye + displacement[near].mean(axis=0)
             there = find_eye_opening(self.places, self.triangles, moved, head)
             if there is not None:
-                rim, shift = match_rims(vertices, here, there, head)
+                rim, shift = match_rims(vertices, displacement, here, there, inner, head)
                 chosen.append(rim)
                 shifts.append(shift)
         return np.concatenate(chosen), np.concatenate(shifts)
