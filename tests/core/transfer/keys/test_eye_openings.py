@@ -93,7 +93,7 @@ def test_the_inner_corner_is_halfway_between_the_opening_and_the_displacement(in
     displacement = STILL + np.array([0.06, 0, 0])
     chosen, shifts = match_rims(skin(), displacement, here, here, inner, HEAD)
     across = skin()[chosen, 0]
-    corners = WIDTH - 0.02 < np.abs(across)
+    corners = np.abs(across) > WIDTH - 0.02
     at_inner = corners & (across * (2 * inner + 1) < 0)
     np.testing.assert_allclose(shifts[at_inner, 0], 0.03, atol=0.01)
     np.testing.assert_allclose(shifts[corners & ~at_inner, 0], 0, atol=0.01)
