@@ -35,7 +35,7 @@ from zoomout_core.transfer.frames import (
     without_sums,
 )
 from zoomout_core.transfer.keys.closed_lids import close_lids
-from zoomout_core.transfer.keys.face_landmarks import find_expressions
+from zoomout_core.transfer.keys.face_landmarks import find_expressions, find_slits
 from zoomout_core.transfer.keys.face_registration import register_face
 from zoomout_core.transfer.keys.joined_lips import has_joined_lips
 from zoomout_core.transfer.keys.rigid_keys import move_rigid_parts
@@ -101,7 +101,8 @@ def carry_offsets(attribute: Attribute, mapped: MappedTarget) -> Attribute:
         carried[:, some] = carrier.carry(offsets[:, some].astype(np.float64) / growth)
 
     for_each(carry, range(0, offsets.shape[1], KEYS_AT_ONCE))
-    open_blinks = () if expressions is None else close_lids(carried, attribute, frames)
+    face = None if expressions is None else find_slits(mapped.source, attribute)
+    open_blinks = () if face is None else close_lids(carried, attribute, face, frames)
     move_rigid_parts(carried, offsets, frames, other_person)
     uncertain = int((carried.any(axis=(1, 2)) & doubtful).sum())
     notes = attribute.notes
@@ -109,7 +110,7 @@ def carry_offsets(attribute: Attribute, mapped: MappedTarget) -> Attribute:
         notes += (message("Shape keys are uncertain at {count:,} doubtful vertices: check these.", count=uncertain),)
     if open_blinks:
         notes += (message("Eyelids close less than on the source: {keys}.", keys=", ".join(open_blinks)),)
-    if has_joined_lips(attribute, mapped):
+    if expressions is not None and face is not None and has_joined_lips(expressions[-1], face, mapped):
         notes += (warning(JOINED_LIPS),)
     return replace(attribute, values=carried, notes=notes)
 
