@@ -7,8 +7,11 @@ import struct
 import zlib
 
 import numpy as np
+import pytest
 
+from zoomout_core import drawing
 from zoomout_core.drawing import draw_triangles, encode_png
+from zoomout_core.samples.grids import grid_faces, triangles_of
 from zoomout_core.samples.spheres import ball
 
 WHITE, RED, BLUE = np.ones(3), np.array([1.0, 0, 0]), np.array([0, 0, 1.0])
@@ -25,6 +28,27 @@ def test_nearest_triangle_is_in_front_in_any_draw_order() -> None:
         assert red > 100
         assert blue == 0
         np.testing.assert_array_equal(picture[1, 18], [255, 255, 255])
+
+
+def test_narrow_triangles_stay_behind_what_is_in_front_of_them() -> None:
+    rng = np.random.default_rng(0)
+    wall = np.array([[-40.0, -40, 1], [80, -40, 1], [-40, 80, 1]])
+    one, other = rng.uniform(0, 20, (2, 2000, 2))
+    # Their third corners are beside their middles, and far behind.
+    narrow = np.stack([one, other, (one + other) / 2 + rng.normal(0, 1e-8, one.shape)], axis=1)
+    behind = np.concatenate([narrow, np.tile([[0.0], [0.0], [-1e6]], (2000, 1, 1))], axis=2)
+    points, triangles = np.vstack([wall, behind.reshape(-1, 3)]), np.arange(6003).reshape(-1, 3)
+    alone = draw_triangles(points, triangles[:1], np.ones((6003, 3)), 20, 20, WHITE)
+    np.testing.assert_array_equal(draw_triangles(points, triangles, np.ones((6003, 3)), 20, 20, WHITE), alone)
+
+
+@pytest.mark.parametrize("block", [drawing.BLOCK, 50])
+def test_neighbours_leave_no_gap(block: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(drawing, "BLOCK", block)  # pixels are computed in blocks
+    u, v = np.meshgrid(np.linspace(-40, 40, 41), np.linspace(-40, 40, 41))  # corners are at centres of pixels
+    points = np.stack([u - v / 4, v + u / 4, 0 * u], axis=-1).reshape(-1, 3)
+    triangles = triangles_of(grid_faces(40, 40))
+    np.testing.assert_array_equal(draw_triangles(points, triangles, np.zeros_like(points), 20, 20, WHITE), 0)
 
 
 def test_a_ball_is_lit_from_the_upper_left_and_is_round() -> None:
