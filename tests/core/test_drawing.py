@@ -31,15 +31,12 @@ def test_nearest_triangle_is_in_front_in_any_draw_order() -> None:
 
 
 def test_narrow_triangles_stay_behind_what_is_in_front_of_them() -> None:
-    rng = np.random.default_rng(0)
     wall = np.array([[-40.0, -40, 1], [80, -40, 1], [-40, 80, 1]])
-    one, other = rng.uniform(0, 20, (2, 2000, 2))
-    # Their third corners are beside their middles, and far behind.
-    narrow = np.stack([one, other, (one + other) / 2 + rng.normal(0, 1e-8, one.shape)], axis=1)
-    behind = np.concatenate([narrow, np.tile([[0.0], [0.0], [-1e6]], (2000, 1, 1))], axis=2)
-    points, triangles = np.vstack([wall, behind.reshape(-1, 3)]), np.arange(6003).reshape(-1, 3)
-    alone = draw_triangles(points, triangles[:1], np.ones((6003, 3)), 20, 20, WHITE)
-    np.testing.assert_array_equal(draw_triangles(points, triangles, np.ones((6003, 3)), 20, 20, WHITE), alone)
+    beside = 0.25 + 4e-7  # centres of pixels are at .25, see `SAMPLES`
+    narrow = np.array([[beside, 0, 0], [beside, 20, 0], [beside + 1e-8, 10, -1e6]])
+    points, triangles = np.vstack([wall, narrow]), np.arange(6).reshape(2, 3)
+    picture = draw_triangles(points, triangles, np.repeat([RED, BLUE], 3, axis=0), 20, 20, WHITE)
+    np.testing.assert_array_equal(picture[:, :, 2], 0)
 
 
 @pytest.mark.parametrize("block", [drawing.BLOCK, 50])
