@@ -27,6 +27,7 @@ from zoomout_core.runtime.threads import for_each
 from zoomout_core.transfer.attribute import Attribute
 from zoomout_core.transfer.frames import (
     FULL_CONFIDENCE,
+    MIN_TRUST,
     Frames,
     frames_of,
     frames_on,
@@ -60,6 +61,9 @@ class ShapeKeyTuning(Tuning, set_by="faces"):
 
 SHAPE_KEYS = ShapeKeyTuning()
 
+# Power of the trust that weights offsets. Edges are weighted by the trust in both ends, about its square, so that a
+# higher power leaves doubtful offsets to their surroundings; a lower one leaves them to a wrong map.
+OFFSET_POWER = 3
 # Keys that are solved together: more need more memory, and are slower.
 KEYS_AT_ONCE = 5
 # Shorter offsets are noise and are set to zero: lengths relative to the longest offset of the key, and at unit area.
@@ -78,7 +82,7 @@ def carry_offsets(attribute: Attribute, mapped: MappedTarget) -> Attribute:
 
     The source's vertices must be those before keys: the rest shape, if the source is posed after keys are applied.
     Offsets rotate and scale with the target's shape. Vertices where a key does not move the source stay exactly in
-    place. Vertices without confidence follow their surroundings; those with little follow the map, as all others do.
+    place. The lower the confidence, the larger the surroundings that a vertex follows instead of the map.
     Loose parts that a key moves rigidly on the source also move rigidly on the target.
     """
     offsets = without_noise(np.asarray(attribute.values), mapped.source.area)
@@ -185,7 +189,7 @@ class _Carrier:
             gradient_matrices(source.vertices, source.triangles),
             divergence_matrices(stiffness, steps - share[:, None] * turned),
             ScreenedSmoothing.of(
-                frames.trust * frames.areas,
+                np.maximum(frames.trust**OFFSET_POWER, MIN_TRUST) * frames.areas,
                 frames.trusted_stiffness + frames.doubted_stiffness,
                 SHAPE_KEYS.smoothing_length,
             ),
