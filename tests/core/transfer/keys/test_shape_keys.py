@@ -206,7 +206,7 @@ def test_keys_do_not_follow_a_smooth_map_to_another_place_at_low_confidence(
 ) -> None:
     values = bump(source.surface.vertices, (1, 0, 2.3), 0.8)[:, None, None] * np.array([[0.3, 0, 0.2]])
     right = true_map(source, *GRID, straight.parameters)
-    other = true_map(source, *GRID, straight.parameters + [0.5, 0])  # on the other side of the tube
+    other = true_map(source, *GRID, straight.parameters + np.array([0.5, 0]))  # on the other side of the tube
     truth = right.interpolate(values)
     wrong = bump(straight.surface.vertices, (1, 0, 2.3), 0.4) > 0
     mixed = SurfaceMap(
