@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from bent_tube import tube, weights_of
 from mathutils import Euler, Matrix
-from rigged import POSE, mesh_object, visible_positions
+from rigged import BUILD, POSE, in_target, mesh_object, other_build, visible_positions
 from rigged import coarse_pose_target as pose_target
 from rigged import coarse_source_and_rig as source_and_rig
 from scenes import activate, link, snapshot
@@ -18,19 +18,7 @@ from blender_addon.mesh_data import read_rig_bones
 from blender_addon.mesh_data.rigs.outfit_bones import edit_bones
 from blender_addon.services import transfer
 
-# The build of the target: longer and thinner.
-BUILD = np.array([0.8, 0.8, 1.5])
 PLACE = Matrix.LocRotScale((5, -3, 2), Euler((0.2, 0.6, 2.0)), (0.5, 0.5, 0.5))
-
-
-def other_build(place=None):
-    """A tube of another build and topology, somewhere, with its true match; and its vertices in its own space."""
-    still = tube(around=11, along=33, turned=0.4)
-    target = mesh_object("Target", still.with_vertices(still.vertices * BUILD))
-    target.matrix_world = place or Matrix()
-    bpy.context.view_layer.update()
-    keep_true_match(target, still.vertices)
-    return target, still.vertices * BUILD
 
 
 def match_anew(target, at_rest):
@@ -55,12 +43,6 @@ def add_bone(armature, name, head, tail, parent=None, **options):
     for option, value in options.items():
         setattr(bone, option, value)
     bpy.ops.object.mode_set(mode="OBJECT")
-
-
-def in_target(target, points):
-    """Points of the target's own space, in world space."""
-    matrix = np.array(target.matrix_world)
-    return points @ matrix[:3, :3].T + matrix[:3, 3]
 
 
 @pytest.mark.parametrize("place", [None, PLACE], ids=["in place", "elsewhere"])

@@ -18,6 +18,7 @@ from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.messages import Message, message, warning
 from zoomout_core.runtime.progress import portion, stage
 from zoomout_core.transfer import map_target
+from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.rigging.poses import distinct_poses, extreme_poses, poses_about
 from zoomout_core.transfer.rigging.rest_pose import PosedTarget, align, find_pose
 from zoomout_core.transfer.rigging.rig import follow_longer_bones, joints_of_bones
@@ -132,10 +133,10 @@ async def prepare_binding(
         (armature,) = mesh_data.armatures_of(find_mesh(context, pair.source_name))
         rigs = [armature, *filter(None, [mesh_data.metarig_of(context, armature)])]
         names, of_rigs = [each.name for each in rigs], [mesh_data.read_rig_bones(each) for each in rigs]
-        notes += _note_on_constraints(armature)
+        notes += note_on_constraints(armature)
         with stage("Moving the rig", CHECKING, MOVED):
             at_rest = pair.target.with_vertices(rest.positions)
-            move = partial(_move_bones, posed=posed, rest=rigged.rest, target=at_rest)
+            move = partial(move_bones, mapped=posed.mapped, rest=rigged.rest, target=at_rest)
             of_rigs = [await compute(partial(move, each)) for each in of_rigs]
         bones = of_rigs[0]
         moved = bones.heads[[bones.names.index(each) for each in rigged.bones.names]]
@@ -176,10 +177,10 @@ def _at_rest(target: zo.Surface, posed: PosedTarget, weights: csr_array, rigged:
     return unpose(target, matrices, posed.pose.scale, posed.mapped.confidence)
 
 
-def _move_bones(bones: RigBones, posed: PosedTarget, rest: zo.Surface, target: zo.Surface) -> RigBones:
-    """The bones of a rig in the target at rest, at the place and size of the source at rest."""
+def move_bones(bones: RigBones, mapped: MappedTarget, rest: zo.Surface, target: zo.Surface) -> RigBones:
+    """The bones of a rig inside a source, moved into a mapped target in the same pose, in world space."""
     joints, parents = joints_of_bones(bones.heads, bones.tails, bones.parents)
-    moved = zo.move_rig(posed.mapped, rest, target, joints, parents)
+    moved = zo.move_rig(mapped, rest, target, joints, parents)
     heads, tails = np.split(moved.positions, 2)
     rotations = moved.rotations[: len(heads)]
     heads, tails, rotations = follow_longer_bones(bones.heads, bones.tails, heads, tails, rotations)
@@ -200,7 +201,7 @@ def _move_as_a_whole(bones: RigBones, motion: Floats) -> RigBones:
     return replace(bones, heads=heads, tails=tails, upright=bones.upright @ motion[:3, :3].T)
 
 
-def _note_on_constraints(armature: Object) -> list[Message]:
+def note_on_constraints(armature: Object) -> list[Message]:
     """A warning about constraints that depend on the rest position of the original."""
     names = mesh_data.child_of_constraints(armature)
     if not names:
