@@ -339,6 +339,18 @@ def test_bones_can_be_edited_in_an_excluded_collection():
     assert armature.users_collection == (hidden,)
 
 
+def test_bones_that_move_nothing_are_noted():
+    source, _ = source_and_rig()
+    still = tube(around=11, along=33, turned=0.4)
+    faces = [face for face in still.triangles.tolist() if still.vertices[face, 2].max() < 2.5]  # below "Upper"
+    kept, corners = np.unique(faces, return_inverse=True)
+    target = mesh_object("Target", zo.Surface(still.vertices[kept] * BUILD, corners.reshape(-1, 3)))
+    keep_true_match(target, still.vertices[kept])
+    report, made = move(source, target, shape="keep_shape")
+    assert sum("1 of 3 joints, such as 'Upper', move nothing" in note for note in report["notes"]) == 1
+    assert read_rig_bones(made).heads[2, 2] > target.data.vertices[0].co.z  # beyond the part
+
+
 def test_a_failure_leaves_no_armature(monkeypatch):
     source, _ = source_and_rig()
     target, _ = other_build()

@@ -21,7 +21,7 @@ from zoomout_core.transfer import map_target
 from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.rigging.poses import distinct_poses, extreme_poses, poses_about
 from zoomout_core.transfer.rigging.rest_pose import PosedTarget, align, find_pose
-from zoomout_core.transfer.rigging.rig import follow_longer_bones, joints_of_bones
+from zoomout_core.transfer.rigging.rig import follow_longer_bones, joints_of_bones, note_on_idle_joints
 from zoomout_core.transfer.rigging.skinning import skinning_matrices
 from zoomout_core.transfer.rigging.stretch import check_weights
 from zoomout_core.transfer.rigging.unpose import Rest, unpose
@@ -134,6 +134,7 @@ async def prepare_binding(
         rigs = [armature, *filter(None, [mesh_data.metarig_of(context, armature)])]
         names, of_rigs = [each.name for each in rigs], [mesh_data.read_rig_bones(each) for each in rigs]
         notes += note_on_constraints(armature)
+        notes += note_on_idle_joints(rigged.bones.names, rigged.weights, own)
         with stage("Moving the rig", CHECKING, MOVED):
             at_rest = pair.target.with_vertices(rest.positions)
             move = partial(move_bones, mapped=posed.mapped, rest=rigged.rest, target=at_rest)
