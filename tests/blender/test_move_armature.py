@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from bent_tube import tube
 from mathutils import Euler, Matrix
-from rigged import BUILD, in_target, mesh_object, other_build, rig, visible_positions
+from rigged import BUILD, in_target, mesh_object, other_build, rig, source_and_rig, visible_positions
 from scenes import activate, snapshot
 
 import zoomout_core as zo
@@ -67,6 +67,14 @@ def test_the_button_moves_an_armature_that_binds_the_source_without_weights(plan
     assert bpy.ops.zoomout.move_rig() == {"FINISHED"}
     assert f"{armature.name} {target.name}" in bpy.context.scene.objects
     assert not target.modifiers
+
+
+def test_a_source_with_weights_binds_the_target_although_its_armature_is_selected():
+    source, armature = source_and_rig()
+    target, _ = other_build()
+    select(target, source, armature)
+    assert bpy.ops.zoomout.move_rig(binding="KEEP_SHAPE") == {"FINISHED"}
+    assert target.parent.name == f"{armature.name} {target.name}"
 
 
 def test_without_an_armature_the_button_says_how_to_choose_one(plan):
