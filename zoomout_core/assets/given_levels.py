@@ -31,11 +31,11 @@ from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.rules import map_target, transfer_along
 
-# A given mesh coincides with the asset if at most `MAX_FAR_SHARE` of its area is farther from it than `FAR`, relative to
-# the asset's extent: the triangles all of whose corners are. Single vertices may be far, as decimating a mesh with
-# split edges leaves spikes. Of 31 game characters, no level by Blender's Decimate with a half or a quarter of the
-# vertices has such a triangle, although up to 11 % of its vertices are far. Arms of people turned by 15 degrees have at
-# least 3.8 % of the area, front legs of horses, cows, dogs and frogs 2.3 %, and small forelegs of dinosaurs less.
+# A given mesh coincides with the asset if at most `MAX_FAR_SHARE` of its area is farther from it than `FAR`, relative
+# to the asset's extent: the triangles all of whose corners are. Single vertices may be far, as decimating a mesh with
+# split edges leaves spikes. In levels of 31 game characters by Blender's Decimate, with a half or a quarter of the
+# vertices, up to 11 % of the vertices are far, but no whole triangle. Arms of people turned by 15 degrees have at least
+# 3.8 % of the area, front legs of cows, dogs and frogs 2.3 %, and small forelegs of dinosaurs less.
 FAR, MAX_FAR_SHARE = 0.03, 0.02
 # A connected part of a given mesh replaces the part of the asset that is closest to most of its vertices. It also
 # replaces other parts that are closest to at least this share of as many; fewer vertices are due to touching layers.
