@@ -127,6 +127,7 @@ def test_a_posed_target_is_taken_to_rest_at_its_own_size():
     report, made = move(source, target)
     assert report["bound"]["shape"] == "rest_pose"
     assert "Posed Shape" in target.data.shape_keys.key_blocks
+    assert any("If it was at rest, bind it with Target Pose set to At Rest." in note for note in report["notes"])
     bones = read_rig_bones(made)
     np.testing.assert_allclose(np.linalg.norm(bones.tails - bones.heads, axis=1), 4, rtol=0.03)
     edges = [np.linalg.norm(np.diff(points[:40], axis=0), axis=1) for points in (visible_positions(target), at_rest)]

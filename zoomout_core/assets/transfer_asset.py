@@ -277,7 +277,7 @@ def _bind(
             rest = unpose(target, matrices, pose.scale, posed.mapped.confidence)
             notes.append(
                 f"The target was in a different pose, with its joints rotated by {pose.bend:.0f}° on average, and "
-                "was moved to the rest pose."
+                "was moved to the rest pose. If it was at rest, transfer again with --shape keep-shape."
             )
     return replace(skin, rest=rest.positions, linear=rest.linear, weights=weights), at_rest, notes
 

@@ -113,7 +113,8 @@ async def prepare_binding(
         notes.append(
             message(
                 "'{target}' was in a different pose, with its bones rotated by {angle:.0f}° on average, "
-                "and was moved to Rest Position. Its shape key '{key}' keeps the original shape.",
+                "and was moved to Rest Position. Its shape key '{key}' keeps the original shape. If it was at rest, "
+                "bind it with Target Pose set to At Rest.",
                 target=pair.target_name,
                 angle=posed.pose.bend,
                 key=POSED_SHAPE,
