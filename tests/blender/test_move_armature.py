@@ -95,6 +95,16 @@ def test_an_animated_armature_is_refused(plan):
         api.move_armature(bpy.context, armature, source, target)
 
 
+def test_an_object_that_is_no_armature_of_the_scene_is_refused(plan):
+    source, armature = plan
+    target, _ = other_build()
+    with pytest.raises(zo.MeshError, match="The scene has no armature 'Source'"):
+        api.move_armature(bpy.context, source, source, target)
+    armature.users_collection[0].objects.unlink(armature)
+    with pytest.raises(zo.MeshError, match="The scene has no armature 'Plan'"):
+        api.move_armature(bpy.context, armature, source, target)
+
+
 def test_a_failure_leaves_no_copy(plan, monkeypatch):
     source, armature = plan
     target, _ = other_build()

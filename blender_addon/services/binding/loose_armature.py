@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from bpy.types import Context, Object
 
+import zoomout_core as zo
 from zoomout_core.messages import Message, message
 from zoomout_core.runtime.progress import portion
 from zoomout_core.transfer import map_target
@@ -87,12 +88,12 @@ async def prepare_armature(
 ) -> Write[MovedArmature]:
     """`move_armature` by the names of the objects, without writing, see `prepare_transfer`."""
     check_options(match_options)
-    check_armature(context.scene.objects[armature])
+    check_armature(_find_armature(context, armature))
     pair = await stored_pair(context, source, target)
     found = await find_match(context, pair, MATCHING, use, match_options)
     if found.refused is not None:
         return partial(store_and_stop, context, pair, found.refused, found.settings, use)
-    original = context.scene.objects[armature]
+    original = _find_armature(context, armature)
     bones, notes = mesh_data.read_rig_bones(original), note_on_constraints(original)
     with portion(MATCHING, 1):
         bones = await compute(partial(_move, found.match, pair, bones))
@@ -104,12 +105,24 @@ async def prepare_armature(
                 push_match()
             shift = np.eye(4)
             shift[:3, 3] = obj.matrix_world.translation - first.matrix_world.translation
-            rig = context.scene.objects[armature]
+            rig = _find_armature(context, armature)
             made = mesh_data.copy_loose_rig(context, rig, obj, bones, shift)
             bends = note_on_bends(mesh_data.bends_at_rest(rig, made))
             return MovedArmature(armature, made.name, target, (*notes, *bends))
 
     return write
+
+
+def _find_armature(context: Context, name: str) -> Object:
+    """An armature by its name.
+
+    Raises:
+        MeshError: the scene has none of this name.
+    """
+    found = context.scene.objects.get(name)
+    if found is None or found.type != "ARMATURE":
+        raise zo.MeshError("The scene has no armature '{name}': choose another one.", name=name)
+    return found
 
 
 def _move(match: Any, pair: mesh_data.ObjectPair, bones: mesh_data.RigBones) -> mesh_data.RigBones:
