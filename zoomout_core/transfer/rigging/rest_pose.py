@@ -6,7 +6,8 @@ the source at rest, and bones are fitted along normals. Then errors of the map a
 limbs, no longer matter. Free bones also bend and shift another body until it nearly fits, but never as well as the same
 body. Bones of another body are coupled, and fitted to the map alone. Where the map is wrong, such as below clothes, it
 would bend bones of a target that is at rest. A target is at rest if one similarity fits it to the source at rest as
-well as all bones do.
+well as all bones do. Bones rotate as well to fit another build, such as a wider one; but then their axes, which end at
+joints inside the body, keep their directions.
 """
 
 from __future__ import annotations
@@ -15,12 +16,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.sparse import csr_array
+from scipy.sparse import csr_array, diags_array
 
 from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.geometry.closest_points import SurfaceSearch
-from zoomout_core.geometry.procrustes import procrustes
+from zoomout_core.geometry.procrustes import SMALLEST, procrustes
 from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.mesh.affine_maps import normalise
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_normals, unique_edges, vertex_normals
 from zoomout_core.runtime.threads import on_one_blas_thread
@@ -51,6 +53,8 @@ class RestTuning(Tuning, set_by="binding"):
         in_place: a target in the rest pose stays in place if no vertex would move farther.
         aligned: maximum number of vertices that are aligned with the source as a whole.
         iterations: number of rounds of this alignment.
+        same_axes: maximum angle of the axis of a bone from its direction in the rest pose.
+        other_axes: maximum area of bones beyond this angle in the rest pose.
     """
 
     same_body: float = tuned(0.01, "at unit area", 0, 1)
@@ -64,6 +68,8 @@ class RestTuning(Tuning, set_by="binding"):
     in_place: float = tuned(0.02, "at unit area", 0, 1)
     aligned: int = tuned(1500, "vertices", 3, 1_000_000)
     iterations: int = tuned(10, "rounds", 1, 100)
+    same_axes: float = tuned(12.0, "degrees", 0, 180)
+    other_axes: float = tuned(0.02, "of the area", 0, 1)
 
 
 REST = RestTuning()
@@ -113,6 +119,13 @@ def find_pose(mapped: MappedTarget, rest: Surface, weights: csr_array, parents: 
         bent = _project_at_rest(found, mapped, pose, weights, search, np.inf)
     if pose.is_rest:
         return PosedTarget(found, pose)
+    if found.surface_map is not mapped.surface_map: 
+        coupled = estimate_pose(*fitted, BONES.of_others)
+        may = coupled.is_rest
+    else:
+        coupled, may = pose, True
+    if may and _keeps_axes(coupled, *fitted[:4]):
+        return PosedTarget(replace(mapped, confidence=confidence), replace(coupled, same_axes=True))
     counted = areas if mapped.has_partner is None else areas * mapped.has_partner
     unbent = _unbend(pose, target.vertices, counted, rest, search)
     projection = _project_at_rest(mapped, mapped, unbent, weights, search, np.inf)
@@ -174,6 +187,30 @@ def _project_at_rest(
         rest.triangles,
     )
     return _Projection(surface_map, off, trusted, float(unit))
+
+
+def _keeps_axes(pose: Pose, points: Floats, images: Floats, weights: csr_array, trust: Floats) -> bool:
+    """Whether the axes of bones keep their directions in a pose, see `estimate_pose` for the other arguments.
+
+    The axis of a bone is from its joint with another one, the mean of the vertices that both move, to the mean of its
+    own. Both are means of a cross-section or more, so that they hardly depend on the build.
+    """
+    shares = normalise(weights)
+    values = np.column_stack([np.ones(len(points)), points, images]) * trust[:, None]
+    sums = np.stack([(shares.T @ diags_array(each) @ shares).toarray() for each in values.T], axis=2)
+    means = sums[:, :, 1:] / np.maximum(sums[:, :, :1], SMALLEST)
+    bone = np.arange(len(sums))
+    arms = means[bone, bone][:, None] - means  # (b, b, 6) from each joint of a bone, before and after
+    lengths = np.linalg.norm(arms[:, :, :3], axis=2)
+    joint = np.argmax(sums[:, :, 0] * lengths, axis=1)
+    axis, image = np.split(arms[bone, joint], 2, axis=1)
+    turned = axis @ pose.common.rotation.T
+    cosine = np.einsum("bx,bx->b", turned, image) / np.maximum(
+        np.linalg.norm(axis, axis=1) * np.linalg.norm(image, axis=1), SMALLEST
+    )
+    mass = shares.T @ trust
+    other = (cosine < np.cos(np.radians(REST.same_axes))) & (lengths[bone, joint] > 0)
+    return bool(mass[other].sum() <= REST.other_axes * mass.sum())
 
 
 def _height_of_arcs(surface: Surface) -> float:
