@@ -69,7 +69,7 @@ class RestTuning(Tuning, set_by="binding"):
     aligned: int = tuned(1500, "vertices", 3, 1_000_000)
     iterations: int = tuned(10, "rounds", 1, 100)
     same_axes: float = tuned(12.0, "degrees", 0, 180)
-    other_axes: float = tuned(0.02, "of the area", 0, 1)
+    other_axes: float = tuned(0.005, "of the area", 0, 1)
 
 
 REST = RestTuning()
@@ -119,18 +119,16 @@ def find_pose(mapped: MappedTarget, rest: Surface, weights: csr_array, parents: 
         bent = _project_at_rest(found, mapped, pose, weights, search, np.inf)
     if pose.is_rest:
         return PosedTarget(found, pose)
-    if found.surface_map is not mapped.surface_map: 
-        coupled = estimate_pose(*fitted, BONES.of_others)
-        may = coupled.is_rest
-    else:
-        coupled, may = pose, True
-    if may and _keeps_axes(coupled, *fitted[:4]):
-        return PosedTarget(replace(mapped, confidence=confidence), replace(coupled, same_axes=True))
     counted = areas if mapped.has_partner is None else areas * mapped.has_partner
     unbent = _unbend(pose, target.vertices, counted, rest, search)
     projection = _project_at_rest(mapped, mapped, unbent, weights, search, np.inf)
     if projection.is_near(REST.same_body) and counted @ projection.off <= counted @ bent.off:
         return PosedTarget(_follow(projection, mapped, confidence), unbent)
+    if _keeps_axes(pose.common.rotation, *fitted[:4]):
+        is_same_body = found.surface_map is not mapped.surface_map
+        coupled = estimate_pose(*fitted, BONES.of_others) if is_same_body else pose
+        if coupled.is_rest or not is_same_body:  # the same body is also posed if all its bones rotate a little
+            return PosedTarget(replace(mapped, confidence=confidence), replace(coupled, same_axes=True))
     return PosedTarget(found, pose)
 
 
@@ -189,28 +187,25 @@ def _project_at_rest(
     return _Projection(surface_map, off, trusted, float(unit))
 
 
-def _keeps_axes(pose: Pose, points: Floats, images: Floats, weights: csr_array, trust: Floats) -> bool:
-    """Whether the axes of bones keep their directions in a pose, see `estimate_pose` for the other arguments.
+def _keeps_axes(rotation: Floats, points: Floats, images: Floats, weights: csr_array, trust: Floats) -> bool:
+    """Whether the axes of bones keep their directions after a rotation (3, 3) of all, see `estimate_pose`.
 
     The axis of a bone is from its joint with another one, the mean of the vertices that both move, to the mean of its
-    own. Both are means of a cross-section or more, so that they hardly depend on the build.
+    own. Both are means of whole cross-sections, whose width does not matter. Bones that share no vertex have none.
     """
     shares = normalise(weights)
-    values = np.column_stack([np.ones(len(points)), points, images]) * trust[:, None]
+    values = np.column_stack([np.ones(len(points)), points @ rotation.T, images]) * trust[:, None]
     sums = np.stack([(shares.T @ diags_array(each) @ shares).toarray() for each in values.T], axis=2)
-    means = sums[:, :, 1:] / np.maximum(sums[:, :, :1], SMALLEST)
-    bone = np.arange(len(sums))
-    arms = means[bone, bone][:, None] - means  # (b, b, 6) from each joint of a bone, before and after
-    lengths = np.linalg.norm(arms[:, :, :3], axis=2)
-    joint = np.argmax(sums[:, :, 0] * lengths, axis=1)
-    axis, image = np.split(arms[bone, joint], 2, axis=1)
-    turned = axis @ pose.common.rotation.T
-    cosine = np.einsum("bx,bx->b", turned, image) / np.maximum(
-        np.linalg.norm(axis, axis=1) * np.linalg.norm(image, axis=1), SMALLEST
-    )
+    shared, bone = sums[:, :, 0], np.arange(len(sums))
+    means = sums[:, :, 1:] / np.maximum(shared, SMALLEST)[:, :, None]
+    arms = means[bone, bone][:, None] - means  # (b, b, 6) from joints to each bone, before and after
+    lengths = np.linalg.norm(arms.reshape(*shared.shape, 2, 3), axis=3)
+    joint = np.argmax(shared * lengths[:, :, 0], axis=1)
+    before, after = np.split(arms[bone, joint], 2, axis=1)
+    product = lengths.prod(axis=2)[bone, joint]
+    close = np.einsum("bx,bx->b", before, after) >= np.cos(np.radians(REST.same_axes)) * product
     mass = shares.T @ trust
-    other = (cosine < np.cos(np.radians(REST.same_axes))) & (lengths[bone, joint] > 0)
-    return bool(mass[other].sum() <= REST.other_axes * mass.sum())
+    return bool(mass @ (close & (shared[bone, joint] * product > 0)) >= (1 - REST.other_axes) * mass.sum())
 
 
 def _height_of_arcs(surface: Surface) -> float:
