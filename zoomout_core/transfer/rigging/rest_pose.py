@@ -53,8 +53,9 @@ class RestTuning(Tuning, set_by="binding"):
         in_place: a target in the rest pose stays in place if no vertex would move farther.
         aligned: maximum number of vertices that are aligned with the source as a whole.
         iterations: number of rounds of this alignment.
-        same_axes: maximum angle of the axis of a bone from its direction in the rest pose.
-        other_axes: maximum area of bones beyond this angle in the rest pose.
+        same_axes: maximum angle of the axis of a bone from its direction in the rest pose. People 1.2 times as wide and
+            0.85 times as high stay below it.
+        other_axes: maximum area of bones beyond this angle in the rest pose. Lower arms of game characters have more.
     """
 
     same_body: float = tuned(0.01, "at unit area", 0, 1)
