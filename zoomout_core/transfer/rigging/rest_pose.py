@@ -55,7 +55,9 @@ class RestTuning(Tuning, set_by="binding"):
         iterations: number of rounds of this alignment.
         same_axes: maximum angle of the axis of a bone from its direction in the rest pose. People 1.2 times as wide and
             0.85 times as high stay below it.
-        other_axes: maximum area of bones beyond this angle in the rest pose. Lower arms of game characters have more.
+        same_bends: maximum difference of these angles between bones that meet. Else half of a bend in the middle of a
+            body would count on both sides.
+        other_axes: maximum area of bones beyond these angles in the rest pose. Lower arms of game characters have more.
     """
 
     same_body: float = tuned(0.01, "at unit area", 0, 1)
@@ -70,6 +72,7 @@ class RestTuning(Tuning, set_by="binding"):
     aligned: int = tuned(1500, "vertices", 3, 1_000_000)
     iterations: int = tuned(10, "rounds", 1, 100)
     same_axes: float = tuned(12.0, "degrees", 0, 180)
+    same_bends: float = tuned(16.0, "degrees", 0, 90)
     other_axes: float = tuned(0.005, "of the area", 0, 1)
 
 
@@ -205,6 +208,8 @@ def _keeps_axes(rotation: Floats, points: Floats, images: Floats, weights: csr_a
     before, after = np.split(arms[bone, joint], 2, axis=1)
     product = lengths.prod(axis=2)[bone, joint]
     close = np.einsum("bx,bx->b", before, after) >= np.cos(np.radians(REST.same_axes)) * product
+    swings = np.cross(before, after) / np.maximum(product, SMALLEST)[:, None]
+    close &= np.linalg.norm(swings - swings[joint], axis=1) <= np.sin(np.radians(REST.same_bends))
     mass = shares.T @ trust
     return bool(mass @ (close & (shared[bone, joint] * product > 0)) >= (1 - REST.other_axes) * mass.sum())
 
