@@ -118,9 +118,11 @@ def part_candidates(
         placed = _placed_candidates(regions[0], upright)
     # Rough maps of two fragments are less exact than those of a part of a whole: places of either are not on the other.
     most = PART_CANDIDATES.registered_again
-    with portion(0.8, 1.0):
+    with portion(0.8, 0.95):
         again = for_each(_register, by_landmarks[:most] + placed[:most])
-    found = _by_fit(for_each(_with_unmatched, again + by_landmarks[most:] + placed[most:]), upright)
+    with portion(0.95, 1.0):
+        found = for_each(_with_unmatched, again + by_landmarks[most:] + placed[most:])
+    found = _by_fit(found, upright)
     return _differing(found, len(found))
 
 

@@ -145,7 +145,7 @@ def test_whole_that_a_part_should_reach_but_does_not_counts_against_it(
         assert unmatched(100.0) == pytest.approx(-2 * np.log(1e-3))
 
 
-def test_what_is_beyond_a_cut_of_the_part_counts_as_unknown(fragments: PartAndWhole, fitted: PartCandidate) -> None:
+def test_whole_beyond_a_cut_of_the_part_is_not_missed(fragments: PartAndWhole, fitted: PartCandidate) -> None:
     """If no border counts as a cut, the part should reach everywhere."""
     part = IncompleteShape(fragments.part.shape)
     with retune(INCOMPLETE, loop=10.0):
