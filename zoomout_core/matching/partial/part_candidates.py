@@ -55,8 +55,8 @@ class PartCandidateTuning(Tuning, set_by="partial"):
     strain: float = tuned(0.75, "1", 0, 100)  # weight in the score of the log strain, relative to that of normals
     beyond: float = tuned(1.0, "1", 0, 100)  # weight of the share of the part that is not beyond a cut
     # Weight in the score of two fragments of the log share of the whole, off the cuts of the part, that is matched. At
-    # 0.5 to 2, first maps are right on 11 of 17 pairs of animals, nine of them new, instead of 10. Of the other six,
-    # one is nearly right, instead of none, and only one has a right map among its candidates.
+    # 0.5 to 2, first maps are right on 11 of 17 pairs of animals, nine of them new, instead of 10, and nearly right on
+    # two others instead of one. One of the other four has a right map among its candidates.
     unmatched: float = tuned(1.0, "1", 0, 100)
     matched_within: float = tuned(0.05, "length", 1e-3, 10)  # a vertex of the whole nearer to the part is matched
 
