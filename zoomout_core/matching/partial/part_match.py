@@ -15,6 +15,7 @@ from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.maps.zoomout import slanted_sizes
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.partial.incomplete_shape import IncompleteShape, at_scale
+from zoomout_core.matching.partial.left_out import left_out_area
 from zoomout_core.matching.partial.part_candidates import PartCandidate, images_apart, part_candidates
 from zoomout_core.matching.partial.part_registration import (
     PART_REGISTRATION,
@@ -81,11 +82,18 @@ class PartMatchTuning(Tuning, set_by="partial"):
     # leg, and an arm .95 on the other arm; now they have .82 and .84.
     curvature_rate: float = tuned(0.8, "1", 0, 100)
     usual_disagreement: float = tuned(0.35, "1", 1e-3, 2)  # one minus the correlation that leaves the score as it is
+    # Rate at which the log odds of a map decrease with the area of the whole that its part leaves out without a cut,
+    # beyond the usual area.
+    left_out: float = tuned(20.0, "per area", 0, 1000)
+    usual_left_out: float = tuned(0.05, "area", 0, 1)
+    near_cut: float = tuned(0.05, "length", 0, 10)  # a part may end where one of its cuts is nearer
 
 
 PART_MATCH = PartMatchTuning()
 # Name of the correlation of mean curvature at the vertices of a finished part with that of their images.
 CURVATURE = "curvature"
+# Name of the area of the whole that a finished part leaves out, although it has no cut there.
+LEFT_OUT = "left_out"
 # Differences of curvature smaller than this share are due to the meshing of the same surface.
 CURVATURE_FLOOR = 0.01
 # The schedules for the map of two fragments, for one that is placed rigidly, and before it. Vertices without a partner
@@ -183,15 +191,18 @@ def _by_curvature(candidates: Sequence[Candidate], pair: Pair) -> list[Candidate
 
 
 def _finish(candidate: Candidate, pair: Pair) -> Candidate:
-    """A candidate with its part registered as for the final map, and the agreement of curvature.
+    """A candidate with its part registered as for the final map, the agreement of curvature, and what it leaves out.
 
-    The mean of that before and after is less noisy: a fine registration also bends a wrong map until features meet.
+    The mean agreement before and after is less noisy: a fine registration also bends a wrong map until features meet.
     """
     assert candidate.part_match is not None
     one = candidate.part_match
-    finished, shapes = _register_finally(one, pair), (one.region.part.shape, one.region.whole.shape)
+    part, whole = one.region.part, one.region.whole
+    finished, shapes = _register_finally(one, pair), (part.shape, whole.shape)
     agreement = np.mean([curvature_agreement(each, *shapes) for each in (one.registered, finished)])
-    scores = candidate.scores | {CURVATURE: float(agreement)}
+    closest, covered = _on_part(finished, *shapes, PART_MATCH.residual)
+    missed = left_out_area(covered, part.cut_distance_of_vertices[closest.vertex], whole, PART_MATCH.near_cut)
+    scores = candidate.scores | {CURVATURE: float(agreement), LEFT_OUT: missed}
     return replace(candidate, part_match=replace(one, finished=finished), scores=scores)
 
 
@@ -314,4 +325,5 @@ def certainty_of_fit(scores: Mapping[str, float]) -> float:
     """Probability that a candidate of these scores is right if it has no rivals."""
     odds = -PART_MATCH.misfit - PART_MATCH.misfit_rate * scores["fit"]
     odds -= PART_MATCH.curvature_rate * _curvature_score(scores)
+    odds -= PART_MATCH.left_out * max(scores.get(LEFT_OUT, 0.0) - PART_MATCH.usual_left_out, 0.0)
     return float(expit(odds + PART_MATCH.extent * np.log(scores["extent"] + 0.01)))
