@@ -298,8 +298,9 @@ def make_result(pair: Pair, candidates: tuple[Candidate, ...], chosen: int) -> M
     confidence, cut_off = whole.confidence * repaired.connected, repaired.connected < LOW_CONFIDENCE
     lost = _on_lost_parts(pair.target, whole.confidence)
     placed = min(whole.placed, 1 - pair.target.share_of_area(lost))
-    placed *= 1 - pair.target.share_of_area(cut_off & ~lost)
-    candidates = _doubt_torn(pair, candidates, chosen, pair.target.share_of_area(repaired.torn))
+    torn_off = pair.target.share_of_area(cut_off & ~lost)
+    placed *= 1 - torn_off
+    candidates = _doubt_torn(pair, candidates, chosen, pair.target.share_of_area(repaired.torn), torn_off)
     doubts = notes_on_map(candidates, chosen, placed, dense.flipped)
     return MatchResult(
         surface_map=repaired.surface_map,
@@ -317,10 +318,16 @@ def make_result(pair: Pair, candidates: tuple[Candidate, ...], chosen: int) -> M
     )
 
 
-def _doubt_torn(pair: Pair, candidates: tuple[Candidate, ...], chosen: int, torn: float) -> tuple[Candidate, ...]:
-    """Candidates, of which the chosen one is not certain if its result tears too large a part of closed shapes."""
+def _doubt_torn(
+    pair: Pair, candidates: tuple[Candidate, ...], chosen: int, torn: float, torn_off: float
+) -> tuple[Candidate, ...]:
+    """Candidates, of which the chosen one is not certain if its result is torn too much.
+
+    It may tear only a small part of closed shapes, and tears may cut only a small part off from the rest.
+    """
     certainty = min(candidates[chosen].certainty, VERDICT.torn_certainty)
-    if torn <= VERDICT.torn or not (is_closed(pair.source_shape) and is_closed(pair.target_shape)):
+    closed = is_closed(pair.source_shape) and is_closed(pair.target_shape)
+    if torn_off <= VERDICT.torn_off and (torn <= VERDICT.torn or not closed):
         return candidates
     return (*candidates[:chosen], replace(candidates[chosen], certainty=certainty), *candidates[chosen + 1 :])
 

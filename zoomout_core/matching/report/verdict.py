@@ -46,6 +46,8 @@ LOOK_AT_ALONE = "Look at the vertices without a partner, and check that the sour
 LOW_CONFIDENCE = 0.5
 # Doubtful share of the target from which a green verdict mentions it, so that it does not round to 0%.
 MENTIONED_DOUBTS = 0.005
+# Certainties that differ by less are the same.
+ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
@@ -59,6 +61,9 @@ class VerdictTuning(Tuning, set_by="everywhere"):
     # (gorillas, and dinosaurs of two species). Two of horses move 16 % of the vertices by more than 0.1. Thirteen right
     # maps of other animals and people tear 1.3 % at most.
     torn_certainty: float = tuned(0.8, "probability", 0, 1)
+    # Largest part of the target's area that tears cut off from the rest of a certain map: it may be a limb on a wrong
+    # limb. A horse cut in half has a foreleg, .097 of its area, on the other one; right maps of cut shapes have .02.
+    torn_off: float = tuned(0.05, "1", 0, 1)
     shattered: float = tuned(0.2, "1", 0, 1)  # maps with a larger part are red
     silent: float = tuned(0.001, "1", 0, 1)  # part of the outside on parts that do not arrive, of an amber map
     doubtful: float = tuned(0.5, "1", 0, 1)  # largest part of the target's area of low confidence of a green map
@@ -130,7 +135,7 @@ def judge(certainty: float, faults: Faults = NO_FAULTS) -> Verdict:
     # No other candidate is likely, and sides are not in doubt.
     only_unplaced = certainty < VERDICT.certain and certainty >= VERDICT.certain * (1 - unplaced)
     # No other candidate is likely, but the map is torn.
-    only_torn = torn > VERDICT.torn and certainty >= VERDICT.torn_certainty * (1 - unplaced)
+    only_torn = torn > VERDICT.torn and certainty >= VERDICT.torn_certainty * (1 - unplaced) - ROUNDING
     is_uncertain = certainty < VERDICT.certain and not only_torn
     many_vertices = doubtful_vertices > VERDICT.doubtful_vertices
     look_there = LOOK_AT_PARTS if silent >= VERDICT.silent else LOOK_AT_DOUBTFUL
