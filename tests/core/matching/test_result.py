@@ -120,7 +120,7 @@ def test_a_torn_map_of_closed_shapes_is_never_certain(
     assert found.candidates[1:] == sure.candidates[1:]
 
 
-@pytest.mark.parametrize(("confidence", "is_lost"), [(0.07, True), (0.13, False)])
+@pytest.mark.parametrize(("confidence", "is_lost"), [(0.07, True), (0.13, True), (0.17, False)])
 def test_certainty_decreases_with_loose_parts_of_unknown_place(
     monkeypatch: pytest.MonkeyPatch, confidence: float, is_lost: bool
 ) -> None:
