@@ -70,8 +70,7 @@ def attempt_part(whole: Attempt, known: Constraints) -> Attempt:
 
     The units of the files are tried first, unless they are known to differ. Other scales follow unless the part fits.
     """
-    between_fragments = are_fragments(whole.pair)
-    upright = known.upright and between_fragments
+    upright = known.upright and are_fragments(whole.pair)
     known = replace(known, upright=False)  # a limb may point anywhere
     best, other_units = whole, units_differ(whole.pair)
     if not other_units:
@@ -79,15 +78,12 @@ def attempt_part(whole: Attempt, known: Constraints) -> Attempt:
         with stage("Placing a part", 0.0, 0.3):
             given = [places_of(one, pair) for one in _maps_of_fragments(whole)]
             candidates = match_part(pair, known.disagreement(pair), given, upright)
-        likely = PART_MATCH.likely
-        if between_fragments:  # the more certain map, if none is likely
-            likely = min(likely, certainty_but_for_turns(whole.candidates))
-        best = _as_part(whole, pair, candidates, likely)
+        best = _as_part(whole, pair, candidates, PART_MATCH.likely)
         if unit_fits(candidates):
             return best
     certainty = best.candidates[0].certainty
-    of_part = PART_MATCH.likely if between_fragments else UNKNOWN_SCALE.enough
-    if certainty >= (UNKNOWN_SCALE.certain if best is whole else of_part):
+    enough = UNKNOWN_SCALE.certain if best is whole else UNKNOWN_SCALE.enough
+    if certainty >= enough or (best is not whole and are_fragments(whole.pair)):
         return best
     with stage("Finding the scale of a part", 0.3, 1.0):
         found = match_at_unknown_scale(whole.pair, known.disagreement, certainty)

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import chain
 from typing import NamedTuple, TypeVar
 
@@ -15,12 +15,7 @@ from zoomout_core.geometry.procrustes import Moments, products
 from zoomout_core.matching.partial.incomplete_shape import IncompleteShape
 from zoomout_core.matching.partial.landmark_maps import place_all, place_few
 from zoomout_core.matching.partial.landmark_search import SEARCH, assignments, distinct, landmarks_of
-from zoomout_core.matching.partial.part_registration import (
-    PART_REGISTRATION,
-    RegisteredPart,
-    closest_on_part,
-    register_part,
-)
+from zoomout_core.matching.partial.part_registration import PART_REGISTRATION, RegisteredPart, register_part
 from zoomout_core.matching.partial.region import Region
 from zoomout_core.matching.partial.rigid_placements import rigid_placements
 from zoomout_core.matching.ranking.scores import EVIDENCE_WEIGHTS, UP_AXES, UPRIGHT
@@ -54,18 +49,9 @@ class PartCandidateTuning(Tuning, set_by="partial"):
     within: float = tuned(0.7, "1", 0, 100)  # weight of the share that maps to no cut
     strain: float = tuned(0.75, "1", 0, 100)  # weight in the score of the log strain, relative to that of normals
     beyond: float = tuned(1.0, "1", 0, 100)  # weight of the share of the part that is not beyond a cut
-    # Weight in the score of two fragments of the log share of the whole, off the cuts of the part, that is matched. At
-    # 0.5 to 2, first maps are right on 11 of 17 pairs of animals, nine of them new, instead of 10, and nearly right on
-    # two others instead of one. One of the other four has a right map among its candidates.
-    unmatched: float = tuned(1.0, "1", 0, 100)
-    matched_within: float = tuned(0.05, "length", 1e-3, 10)  # a vertex of the whole nearer to the part is matched
 
 
 PART_CANDIDATES = PartCandidateTuning()
-# Name of the score of a candidate of two fragments: how much of the whole the part should reach but does not.
-UNMATCHED = "unmatched"
-# Added to the area of the whole that may be matched, and to the share of it: small areas do not decide.
-MIN_MATCHED_AREA, SMALLEST_SHARE = 0.02, 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,11 +65,6 @@ class PartCandidate:
     scores: dict[str, float]
     start: Floats | None = None  # (n, 3) the part's vertices by the rigid placement that it was registered from, if any
     finished: RegisteredPart | None = None  # the part, registered with the nodes of a final map, if it was compared so
-
-    @property
-    def misfit(self) -> float:
-        """The fit, and the score of the unmatched whole of two fragments: the lowest is the most likely."""
-        return self.scores["fit"] + self.scores.get(UNMATCHED, 0.0)
 
 
 class _Found(NamedTuple):
@@ -118,19 +99,17 @@ def part_candidates(
         placed = _placed_candidates(regions[0], upright)
     # Rough maps of two fragments are less exact than those of a part of a whole: places of either are not on the other.
     most = PART_CANDIDATES.registered_again
-    with portion(0.8, 0.95):
+    with portion(0.8, 1.0):
         again = for_each(_register, by_landmarks[:most] + placed[:most])
-    with portion(0.95, 1.0):
-        found = for_each(_with_unmatched, again + by_landmarks[most:] + placed[most:])
-    found = _by_fit(found, upright)
+    found = _by_fit(again + by_landmarks[most:] + placed[most:], upright)
     return _differing(found, len(found))
 
 
 def _by_fit(candidates: Sequence[PartCandidate], upright: bool = False) -> list[PartCandidate]:
-    """Candidates by their fit, and by what else is known: the rotation of the up axis, if that is evidence."""
+    """Candidates by their fit, and by the rotation of the up axis if that is evidence."""
 
     def cost(one: PartCandidate) -> float:
-        return one.misfit + (EVIDENCE_WEIGHTS[UPRIGHT] * one.scores[UPRIGHT] if upright else 0.0)
+        return one.scores["fit"] + (EVIDENCE_WEIGHTS[UPRIGHT] * one.scores[UPRIGHT] if upright else 0.0)
 
     return sorted(candidates, key=cost)
 
@@ -268,21 +247,6 @@ def _register(one: _Found | PartCandidate) -> PartCandidate:
     at = part.shape.search.samples[: len(part.between)]
     places = whole.shape.voronoi_cell[registered.closest.vertex[at]]
     return PartCandidate(one.region, places, registered, scores | _fit(registered, part), one.start)
-
-
-def _with_unmatched(one: PartCandidate) -> PartCandidate:
-    """A candidate of two fragments with the score of the whole that is not matched.
-
-    The fit only tests the part: a small one fits in many places of the whole, which then continues where the part has
-    no cut. This is why the whole is also compared with the part.
-    """
-    part, whole = one.region.part, one.region.whole
-    closest, distance, agreement = closest_on_part(one.registered, part.shape, whole.shape)
-    areas = np.where(part.cut_distance_of_vertices[closest.vertex] == 0, 0, whole.shape.basis.areas)
-    matched = areas @ ((distance < PART_CANDIDATES.matched_within) & (agreement > 0))
-    share = float(matched / (areas.sum() + MIN_MATCHED_AREA))
-    unmatched = -PART_CANDIDATES.unmatched * float(np.log(share + SMALLEST_SHARE))
-    return replace(one, scores=one.scores | {UNMATCHED: unmatched})
 
 
 def register_places(places: Integers, region: Region) -> PartCandidate:

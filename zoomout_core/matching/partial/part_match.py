@@ -17,17 +17,13 @@ from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.partial.incomplete_shape import IncompleteShape, at_scale
 from zoomout_core.matching.partial.left_out import left_out_area
 from zoomout_core.matching.partial.part_candidates import PartCandidate, images_apart, part_candidates
-from zoomout_core.matching.partial.part_registration import (
-    PART_REGISTRATION,
-    RegisteredPart,
-    closest_on_part,
-    register_part,
-)
+from zoomout_core.matching.partial.part_registration import PART_REGISTRATION, RegisteredPart, register_part
 from zoomout_core.matching.partial.region import REGION, Region, find_regions, is_small
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 from zoomout_core.matching.ranking.rank import CERTAINTY, Candidate
 from zoomout_core.matching.ranking.scores import EVIDENCE_WEIGHTS, UPRIGHT, Disagreement, correlation, no_disagreement
 from zoomout_core.matching.refinement.confidence import Partners
+from zoomout_core.matching.registration.correspondences import Surroundings
 from zoomout_core.matching.registration.nonrigid_icp import NONRIGID_SCHEDULE, Fit, Level
 from zoomout_core.runtime.progress import portion
 from zoomout_core.runtime.threads import for_each
@@ -279,8 +275,11 @@ def _on_part(
     registered: RegisteredPart, part: ShapeAnalysis, whole: ShapeAnalysis, residual: float
 ) -> tuple[SurfaceMap, Booleans]:
     """The closest points of a bent part to the vertices of the whole, and (n,) whether these are near."""
-    found, distance, agreement = closest_on_part(registered, part, whole)
-    return found, (distance < residual) & (agreement > 0)
+    positions, normals = whole.mesh.vertices, whole.mesh.vertex_normals
+    found = Surroundings.deform(part, registered.positions, registered.normals).closest(positions, normals)
+    distance = np.linalg.norm(found.interpolate(registered.positions) - positions, axis=1)
+    facing = np.einsum("nx,nx->n", found.interpolate(registered.normals), normals) > 0
+    return found, (distance < residual) & facing
 
 
 def _candidate(one: PartCandidate, pair: Pair, disagreement: Disagreement, upright: bool) -> Candidate:
@@ -299,7 +298,7 @@ def _candidate(one: PartCandidate, pair: Pair, disagreement: Disagreement, uprig
     against = disagreement(functional_map, sample_map, None)
     if upright:
         against |= {UPRIGHT: one.scores[UPRIGHT]}
-    total = one.misfit + sum(EVIDENCE_WEIGHTS[name] * value for name, value in against.items())
+    total = one.scores["fit"] + sum(EVIDENCE_WEIGHTS[name] * value for name, value in against.items())
     maps, scores = (functional_map, reverse, sample_map), one.scores | against | {"total": total}
     return Candidate("one shape as a part of the other", False, False, *maps, None, None, 0.0, scores, one)
 

@@ -16,7 +16,6 @@ from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.geometry.procrustes import nearest_rotations
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.partial.incomplete_shape import IncompleteShape
-from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 from zoomout_core.matching.refinement.local_rigid_alignment import align
 from zoomout_core.matching.registration.correspondences import GeodesicLimit, Surroundings
 from zoomout_core.matching.registration.deformation_graph import DeformationGraph
@@ -104,20 +103,6 @@ def register_part(
     is_near = ~nearby.exceeds_geodesic_limit(np.arange(len(rest)), closest.vertex)
     rotations, strain = nearest_rotations(blends), _strain(graph, ~on_cut)
     return RegisteredPart(positions, turned, rotations, closest, residual, agreement, is_near, on_cut, strain)
-
-
-def closest_on_part(
-    registered: RegisteredPart, part: ShapeAnalysis, whole: ShapeAnalysis
-) -> tuple[SurfaceMap, Floats, Floats]:
-    """The closest points of a bent part to the vertices of the whole, near vertices with compatible normals.
-
-    Returns the map, (n,) the distances to these points, and (n,) the cosines between the normals.
-    """
-    positions, normals = whole.mesh.vertices, whole.mesh.vertex_normals
-    found = Surroundings.deform(part, registered.positions, registered.normals).closest(positions, normals)
-    distance = np.linalg.norm(found.interpolate(registered.positions) - positions, axis=1)
-    agreement = np.einsum("nx,nx->n", unit_vectors(found.interpolate(registered.normals)), normals)
-    return found, distance, agreement
 
 
 def _strain(graph: DeformationGraph, counts: Booleans) -> float:

@@ -226,7 +226,9 @@ def test_given_map_is_registered_regardless_of_its_cost(lower: PartAndWhole, mon
     monkeypatch.setattr(
         candidates_module, "_map_cost", lambda places, _: float(next(i for i, one in enumerate(maps) if one is places))
     )
-    monkeypatch.setattr(candidates_module, "_register", lambda one: SimpleNamespace(places=one.places, misfit=one.cost))
+    monkeypatch.setattr(
+        candidates_module, "_register", lambda one: SimpleNamespace(places=one.places, scores={"fit": one.cost})
+    )
     found = rough_candidates([lower.everywhere], [np.arange(3)], 2, given=[maps[3]])
     assert [one.places is each for one, each in zip(found, (maps[0], maps[1], maps[3]), strict=True)] == [True] * 3
 
@@ -259,7 +261,6 @@ def test_best_fragment_maps_of_both_searches_are_registered_again(
     monkeypatch.setattr(candidates_module, "_fine_candidates", found_by(there))
     monkeypatch.setattr(candidates_module, "_placed_candidates", found_by(rigid))
     monkeypatch.setattr(candidates_module, "_register", registered)
-    monkeypatch.setattr(candidates_module, "_with_unmatched", lambda one: one)
     result, reports = reports_of(lambda: part_candidates([region]))
     fractions = [report.fraction for report in reports]
     assert fractions[:6] == pytest.approx([0.0, 0.2, 0.4, 0.4, 0.6, 0.8])

@@ -16,14 +16,7 @@ from scipy.spatial.transform import Rotation
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.partial import part_match
 from zoomout_core.matching.partial.incomplete_shape import INCOMPLETE, IncompleteShape, at_scale
-from zoomout_core.matching.partial.part_candidates import (
-    PART_CANDIDATES,
-    UNMATCHED,
-    PartCandidate,
-    _by_fit,
-    _placed_candidates,
-    _with_unmatched,
-)
+from zoomout_core.matching.partial.part_candidates import PartCandidate, _by_fit, _placed_candidates
 from zoomout_core.matching.partial.part_match import fit_part
 from zoomout_core.matching.partial.part_registration import PART_REGISTRATION
 from zoomout_core.matching.partial.rigid_placements import (
@@ -129,36 +122,6 @@ def test_registered_placements_keep_where_they_began(
     np.testing.assert_array_equal(fitted.start, placements[0].positions)
     # The part is rotated back, so that what was up is not.
     assert fitted.scores[UPRIGHT] == pytest.approx(1 - max(np.diag(TURN)[1:]), abs=0.15)
-
-
-def test_whole_that_a_part_should_reach_but_does_not_counts_against_it(
-    fragments: PartAndWhole, fitted: PartCandidate
-) -> None:
-    def unmatched(shift: float) -> float:
-        moved = replace(fitted.registered, positions=fitted.registered.positions + np.array([shift, 0, 0]))
-        return _with_unmatched(replace(fitted, registered=moved)).scores[UNMATCHED]
-
-    assert 0 < unmatched(0.0) < 0.4
-    assert unmatched(0.0) < unmatched(0.1) < unmatched(0.3)
-    assert unmatched(100.0) == pytest.approx(-np.log(1e-3))
-    with retune(PART_CANDIDATES, unmatched=2.0):
-        assert unmatched(100.0) == pytest.approx(-2 * np.log(1e-3))
-
-
-def test_whole_beyond_a_cut_of_the_part_is_not_missed(fragments: PartAndWhole, fitted: PartCandidate) -> None:
-    """If no border counts as a cut, the part should reach everywhere."""
-    part = IncompleteShape(fragments.part.shape)
-    with retune(INCOMPLETE, loop=10.0):
-        assert np.isinf(part.cut_distance_of_vertices).all()
-    closed = replace(fitted, region=replace(fitted.region, part=part))
-    known, unknown = (_with_unmatched(one).scores[UNMATCHED] for one in (closed, fitted))
-    assert known > unknown + 0.1
-
-
-def test_fit_to_the_whole_decides_between_equal_fits_of_parts(fitted: PartCandidate) -> None:
-    lost, found = (replace(fitted, scores=fitted.scores | {UNMATCHED: score}) for score in (0.5, 0.1))
-    assert _by_fit([lost, found]) == [found, lost]
-    assert found.misfit == pytest.approx(fitted.misfit + 0.1)
 
 
 @pytest.mark.parametrize("is_rigid", [True, False])
