@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The area of a whole that a registered part leaves out, although the part has no cut there.
+"""Gaps that a registered part leaves on the whole, although the part has no cut there.
 
 A part of a surface covers all of the whole up to its own cuts. If a limb of the part is on another limb of the whole,
-its true place is left out, and begins where the part continues. The fit of the part does not show this.
+its true place is a gap, which begins where the part continues. The fit of the part does not show this.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from zoomout_core.matching.partial.incomplete_shape import IncompleteShape
 from zoomout_core.mesh.triangles import edge_graph, unique_edges
 
 
-def left_out_area(covered: Booleans, cut_distance: Floats, whole: IncompleteShape, near: float) -> float:
+def gap_area(covered: Booleans, cut_distance: Floats, whole: IncompleteShape, near: float) -> float:
     """The area of the whole that is not covered, and nearest to a place where the part has no cut.
 
     Args:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A part that leaves out a piece of the whole where it has no cut is in a wrong place."""
+"""A part that leaves a gap on the whole where it has no cut is in a wrong place."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from pieces import PartAndWhole
 from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.partial import part_match
-from zoomout_core.matching.partial.left_out import left_out_area
+from zoomout_core.matching.partial.gaps import gap_area
 from zoomout_core.matching.partial.part_candidates import PartCandidate
-from zoomout_core.matching.partial.part_match import LEFT_OUT, PART_MATCH, certainty_of_fit, match_part
+from zoomout_core.matching.partial.part_match import GAPS, PART_MATCH, certainty_of_fit, match_part
 from zoomout_core.matching.partial.part_registration import PART_REGISTRATION, register_part
 
 
@@ -32,28 +32,28 @@ def tip(pair: PartAndWhole, size: float) -> Booleans:
     return np.asarray(np.linalg.norm(points - points[far], axis=1) < size)
 
 
-def left_out(pair: PartAndWhole, missed: Booleans) -> float:
+def gaps_without(pair: PartAndWhole, missed: Booleans) -> float:
     covered, cut_distance = true_cover(pair)
-    return left_out_area(covered & ~missed, cut_distance, pair.whole, PART_MATCH.near_cut)
+    return gap_area(covered & ~missed, cut_distance, pair.whole, PART_MATCH.near_cut)
 
 
-def test_area_beyond_the_cuts_of_a_part_is_not_left_out(lower: PartAndWhole) -> None:
+def test_area_beyond_the_cuts_of_a_part_is_not_gaps_without(lower: PartAndWhole) -> None:
     nothing = np.zeros(len(lower.whole.shape.mesh.vertices), dtype=bool)
-    assert left_out(lower, nothing) < 0.005
-    assert left_out(lower, ~nothing) == 0
-    everything = left_out_area(~nothing, true_cover(lower)[1], lower.whole, PART_MATCH.near_cut)
+    assert gaps_without(lower, nothing) < 0.005
+    assert gaps_without(lower, ~nothing) == 0
+    everything = gap_area(~nothing, true_cover(lower)[1], lower.whole, PART_MATCH.near_cut)
     assert everything == 0
 
 
 @pytest.mark.parametrize("size", [0.15, 0.25])
-def test_area_that_a_part_leaves_out_without_a_cut_is_counted(lower: PartAndWhole, size: float) -> None:
+def test_area_that_a_part_leaves_out_without_a_cut_is_a_gap(lower: PartAndWhole, size: float) -> None:
     missed = tip(lower, size) & true_cover(lower)[0]
     area = float(lower.whole.shape.basis.areas[missed].sum())
     assert area > 0.01
-    assert left_out(lower, missed) == pytest.approx(area, abs=0.005)
+    assert gaps_without(lower, missed) == pytest.approx(area, abs=0.005)
 
 
-def test_finished_maps_know_what_they_leave_out(lower: PartAndWhole, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_finished_maps_know_their_gaps(lower: PartAndWhole, monkeypatch: pytest.MonkeyPatch) -> None:
     """A second time, the tip of a limb has no partner."""
     fitted = register_part(lower.true_places(), lower.part, lower.whole, PART_REGISTRATION.fine)
     made = PartCandidate(lower.everywhere, lower.true_places(), fitted, {"fit": -4.0, "extent": 1.0})
@@ -69,21 +69,21 @@ def test_finished_maps_know_what_they_leave_out(lower: PartAndWhole, monkeypatch
     (whole,) = match_part(pair)
     monkeypatch.setattr(part_match, "_on_part", without_tip)
     (lacking,) = match_part(pair)
-    assert lacking.scores[LEFT_OUT] > whole.scores[LEFT_OUT] + 0.02
+    assert lacking.scores[GAPS] > whole.scores[GAPS] + 0.02
     assert lacking.certainty < whole.certainty
 
 
-def test_certainty_falls_with_the_area_left_out_beyond_the_usual_one() -> None:
+def test_certainty_falls_with_the_area_of_gaps_beyond_the_usual_one() -> None:
     scores = {"fit": -4.5, "extent": 0.6}
-    usual = PART_MATCH.usual_left_out
-    known, little, much = (certainty_of_fit(scores | {LEFT_OUT: area}) for area in (0.0, usual, usual + 0.1))
+    usual = PART_MATCH.usual_gaps
+    known, little, much = (certainty_of_fit(scores | {GAPS: area}) for area in (0.0, usual, usual + 0.1))
     assert known == little == certainty_of_fit(scores)
     odds = [np.log(each / (1 - each)) for each in (little, much)]
-    assert odds[0] - odds[1] == pytest.approx(0.1 * PART_MATCH.left_out)
+    assert odds[0] - odds[1] == pytest.approx(0.1 * PART_MATCH.gap_rate)
 
 
 def test_a_leg_on_the_other_leg_of_a_body_is_not_certain() -> None:
     """The scores are those of a person cut in half, whose leg is on the other leg."""
     scores = {"fit": -4.251, "extent": 0.571, "curvature": 0.84}
     assert certainty_of_fit(scores) > 0.9
-    assert certainty_of_fit(scores | {LEFT_OUT: 0.146}) < 0.8
+    assert certainty_of_fit(scores | {GAPS: 0.146}) < 0.8
