@@ -14,6 +14,7 @@ CORE = Path(zoomout_core.__file__).parent
 LAYERS = (
     "arrays",
     "messages",
+    "translations",
     "tuning",
     "mesh",
     "geometry",

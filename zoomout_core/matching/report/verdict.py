@@ -11,10 +11,12 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from zoomout_core.mesh.surface import MeshError
-from zoomout_core.messages import message, probability
+from zoomout_core.messages import Message, message, probability, sentences
 from zoomout_core.tuning import Tuning, tuned
 
 GREEN, AMBER, RED = LEVELS = "green", "amber", "red"
+# Beginning of a line with a verdict of each level.
+PREFIXES = {GREEN: "Green:", AMBER: "Amber:", RED: "Red:"}
 
 RIGHT = "The match is right as a whole ({certainty} certain)."
 RIGHT_BUT_FOR_DOUBTS = (
@@ -94,9 +96,9 @@ class Verdict(NamedTuple):
     advice: str
 
     @property
-    def line(self) -> str:
-        """The verdict in one line of English."""
-        return " ".join((f"{self.level.capitalize()}:", self.sentence, self.advice)).strip()
+    def line(self) -> Message:
+        """The verdict in one line."""
+        return sentences(PREFIXES[self.level], *filter(None, (self.sentence, self.advice)))
 
 
 class Faults(NamedTuple):
@@ -170,8 +172,9 @@ def check_verdict(verdict: Verdict, force: bool, candidates: int = 1) -> None:
         RefusedMatchError: it is probably wrong, and may not be used anyway.
     """
     if verdict.level == RED and not force:
-        others = f" Other candidates: --candidate 1 to {candidates - 1}." if candidates > 1 else ""
-        raise RefusedMatchError(f"{verdict.sentence} {verdict.advice}{others} To write it anyway, give --force.")
+        others = [message("Other candidates: --candidate 1 to {last}.", last=candidates - 1)] if candidates > 1 else []
+        force_it = message("To write it anyway, give --force.")
+        raise RefusedMatchError(sentences(verdict.sentence, verdict.advice, *others, force_it))
 
 
 def worst(verdicts: Sequence[Verdict]) -> Verdict:
