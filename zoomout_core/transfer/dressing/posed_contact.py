@@ -23,15 +23,17 @@ from zoomout_core.tuning import Tuning, tuned
 
 @dataclass(frozen=True)
 class PosedContactTuning(Tuning, set_by="outfits"):
-    """Which places are kept outside the skin in poses.
+    """Which places are kept outside the skin in poses, and how smoothly.
 
     Attributes:
         near: maximum distance from the skin at rest, and maximum change of this distance in a pose.
         depth: maximum depth below the margin in a pose.
+        spread: length over which a push is spread. Poses push in patches, whose borders would be visible at rest.
     """
 
     near: float = tuned(0.02, "at unit area", 0, 1)
     depth: float = tuned(0.004, "at unit area", 0, 1)
+    spread: float = tuned(0.045, "at unit area", 1e-6, 1)
 
 
 POSED_CONTACT = PosedContactTuning()
