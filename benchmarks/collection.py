@@ -18,7 +18,7 @@ from benchmarks.datasets import CORRESPONDENCE, evenly, is_far, load_pair
 from benchmarks.tables import NOT_SHOWN, Record, Tables
 from zoomout_core.collection.collection import CollectionResult, match_collection
 from zoomout_core.collection.cycles import CYCLES, choose_agreeing
-from zoomout_core.collection.engine import local_engine
+from zoomout_core.collection.dask_engine import local_engine
 from zoomout_core.collection.pair_map import CandidateMaps, PairName, load_candidate_maps
 from zoomout_core.collection.shapes import ShapeSummary
 from zoomout_core.collection.tasks import place_of_map, place_of_shape

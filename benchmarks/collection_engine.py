@@ -15,7 +15,8 @@ import zoomout_core as zo
 from benchmarks.datasets import evenly
 from benchmarks.tables import Record, Tables
 from zoomout_core.collection.collection import match_collection
-from zoomout_core.collection.engine import Engine, OnDask, Task, local_engine
+from zoomout_core.collection.dask_engine import OnDask, local_engine
+from zoomout_core.collection.engine import Engine, Task
 from zoomout_core.runtime.threads import set_threads
 
 # Seconds that a simulated pair sleeps, as long as a pair of 5,000 vertices takes, and number of pairs.

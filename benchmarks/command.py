@@ -83,4 +83,5 @@ def report(tables: Tables, data: Path | None, json_file: Path | None) -> None:
     shown = [as_text(rows) for name, rows in tables.items() if rows and name != NOT_SHOWN]
     click.echo("\n\n".join(shown))
     if json_file is not None:
+        json_file.parent.mkdir(parents=True, exist_ok=True)
         json_file.write_text(json.dumps(tables, indent=2))

@@ -35,7 +35,8 @@ weights and binds the target, so that the bones pose it at once; the source, at 
 viewport, unless `hide_source` is False. So does `transfer_objects` with `binding=Binding()`.
 `move_rig(context, hero, child)` is for a target of another build: it binds the target to a copy of the armature whose
 bones are moved into its body. `add_bones(context, princess, child, "Head")` then adds the bones of another source that
-move a part, such as its face. `check_motion(context, child)` compares how both play the action: whether feet slide.
+move a part, such as its face. `move_armature(context, metarig, hero, child)` moves an armature without weights, such as
+a metarig, and binds nothing. `check_motion(context, child)` compares how both play the action: whether feet slide.
 
 `wrap` gives the target's topology the source's shape, as a shape key, as the mesh itself or as a new object:
 
@@ -93,6 +94,7 @@ from .mesh_data import surface_point_of_vertex
 from .scene import landmarks
 from .scene.landmarks import LandmarkPairs, landmark_pairs
 from .services.bake import Baking, bake_textures
+from .services.binding.loose_armature import move_armature
 from .services.binding.part import AddedBones, add_bones
 from .services.check_motion import check_motion
 from .services.dressing.dress import dress
@@ -144,6 +146,7 @@ __all__ = [
     "mirror_attributes",
     "mirror_sculpt",
     "mirror_shape_key",
+    "move_armature",
     "move_rig",
     "name_sides",
     "rename_shape_keys",

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import zoomout_core as zo
 from meshlab_filter.files import FORMATS, load_mesh, new_mesh_set, save_beside, texture_files
 from meshlab_filter.filters import transfer_attributes_by_zoomout
-from meshlab_filter.filters.common import remember_matches
+from meshlab_filter.filters.matches import remember_matches
 from meshlab_filter.mesh_data import read_shape
 from zoomout_core.assets.files import inputs_of
 from zoomout_core.assets.part_names import parts_of_file

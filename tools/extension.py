@@ -45,8 +45,6 @@ SHIPPED = (
     "scene/*.py",
     "services/**/*.py",
     "storage/*.py",
-    "translations/*.po",
-    "translations/*.py",
     "ui/**/*.py",
     "viewport/*.py",
 )
@@ -60,6 +58,7 @@ CORE = (
     "LICENSE",
     "zoomout_core/**/*.py",
     "zoomout_core/**/*.html",
+    "zoomout_core/**/*.po",
     "zoomout_core/py.typed",
 )
 

@@ -95,27 +95,9 @@ class Reader:
     damage: Callable[[bytes, np.random.Generator], bytes] = field(default_factory=lambda: damage)
 
 
-def readers() -> dict[str, Reader]:
-    """All readers of files by name."""
-    mesh = trimesh.creation.icosphere(subdivisions=1)
-    surface = Surface(mesh.vertices, mesh.faces)
-    texture = np.linspace(0, 1, 2 * len(mesh.vertices)).reshape(-1, 2)
-    text = "OFF\n4 2 0\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n3 0 1 2\n4 0 1 2 3\n"
-    obj = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 1\nusemtl a\nf 1/1 2/2 3/1\nf -4 -3 -2 -1\n"
-    colors = np.arange(4 * len(mesh.vertices)).reshape(-1, 4) % 256
-    colored = trimesh.Trimesh(mesh.vertices, mesh.faces, vertex_colors=colors, process=False)
-    with tempfile.TemporaryDirectory() as folder:
-        place = Path(folder)
-        SurfaceMap.from_vertices(np.arange(len(mesh.vertices)), surface).save(place / "map.npz")
-        write_asset(read_asset(_write(place / "uv.ply", _ply_with_texture(mesh, texture))), place / "a.glb")
-        write_asset(read_asset(place / "uv.ply"), place / "a.gltf")
-        for method in COMPRESSIONS:
-            for ending in ("glb", "gltf"):
-                write_asset(read_asset(place / "uv.ply"), place / f"{method}.{ending}", compression=method)
-        names = "map.npz", *(f"{name}.{ending}" for name in ("a", *COMPRESSIONS) for ending in ("glb", "gltf"))
-        saved = {name: (place / name).read_bytes() for name in names}
-    ply = tuple(_export(colored, file_type="ply", encoding=encoding) for encoding in ("ascii", "binary"))
-    script = """<!DOCTYPE FilterScript>
+OFF = "OFF\n4 2 0\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n3 0 1 2\n4 0 1 2 3\n"
+OBJ = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 1\nusemtl a\nf 1/1 2/2 3/1\nf -4 -3 -2 -1\n"
+SCRIPT = """<!DOCTYPE FilterScript>
 <FilterScript>
  <filter name="transfer_attributes_by_zoomout">
   <Param name="sourcemesh" type="RichMesh" value="0"/>
@@ -123,7 +105,7 @@ def readers() -> dict[str, Reader]:
  </filter>
 </FilterScript>
 """
-    project = """<!DOCTYPE MeshLabDocument>
+PROJECT = """<!DOCTYPE MeshLabDocument>
 <MeshLabProject>
  <MeshGroup>
   <MLMesh filename="a.ply" label="a" idInFile="-1" visible="1">
@@ -135,14 +117,25 @@ def readers() -> dict[str, Reader]:
  <RasterGroup/>
 </MeshLabProject>
 """
-    landmarks = b"# pairs\n0 1\n2 3\n", b"0 0 0 1 1 1\n0 1 0 1 0 1\n"
+LANDMARKS = b"# pairs\n0 1\n2 3\n", b"0 0 0 1 1 1\n0 1 0 1 0 1\n"
+
+
+def readers() -> dict[str, Reader]:
+    """All readers of files by name."""
+    mesh = trimesh.creation.icosphere(subdivisions=1)
+    surface = Surface(mesh.vertices, mesh.faces)
+    texture = np.linspace(0, 1, 2 * len(mesh.vertices)).reshape(-1, 2)
+    colors = np.arange(4 * len(mesh.vertices)).reshape(-1, 4) % 256
+    colored = trimesh.Trimesh(mesh.vertices, mesh.faces, vertex_colors=colors, process=False)
+    saved = _saved_files(mesh, surface, texture)
+    ply = tuple(_export(colored, file_type="ply", encoding=encoding) for encoding in ("ascii", "binary"))
     return {
-        "off": Reader(".off", read_shape, (text.encode(),)),
-        "obj": Reader(".obj", read_shape, (obj.encode(),)),
+        "off": Reader(".off", read_shape, (OFF.encode(),)),
+        "obj": Reader(".obj", read_shape, (OBJ.encode(),)),
         "ply": Reader(".ply", read_shape, ply),
         "stl": Reader(".stl", read_shape, (_export(mesh, file_type="stl"),)),
         "glb": Reader(".glb", read_shape, (saved["a.glb"],)),
-        "asset of obj": Reader(".obj", read_asset, (obj.encode(),)),
+        "asset of obj": Reader(".obj", read_asset, (OBJ.encode(),)),
         "asset of ply": Reader(".ply", read_asset, (*ply, _ply_with_texture(mesh, texture))),
         "asset of glb": Reader(".glb", read_asset, (saved["a.glb"],)),
         "compressed glb": Reader(
@@ -156,10 +149,24 @@ def readers() -> dict[str, Reader]:
         "structure of the shape of gltf": Reader(".gltf", read_shape, (gltf_with_everything(),), damage_structure),
         "map": Reader(".npz", lambda path: SurfaceMap.load(path, surface), (saved["map.npz"],)),
         "vertices of a map": Reader(".npz", lambda path: read_vertex_map(str(path)), (saved["map.npz"],)),
-        "script": Reader(".mlx", read_script, (script.encode(),)),
-        "project": Reader(".mlp", read_project, (project.encode(),)),
-        "landmarks": Reader(".txt", lambda path: read_landmarks(str(path)), landmarks),
+        "script": Reader(".mlx", read_script, (SCRIPT.encode(),)),
+        "project": Reader(".mlp", read_project, (PROJECT.encode(),)),
+        "landmarks": Reader(".txt", lambda path: read_landmarks(str(path)), LANDMARKS),
     }
+
+
+def _saved_files(mesh: Any, surface: Surface, texture: NDArray[Any]) -> dict[str, bytes]:
+    """The content of a map and of glTF files, compressed or not, by their names."""
+    names = "map.npz", *(f"{name}.{ending}" for name in ("a", *COMPRESSIONS) for ending in ("glb", "gltf"))
+    with tempfile.TemporaryDirectory() as folder:
+        place = Path(folder)
+        SurfaceMap.from_vertices(np.arange(len(mesh.vertices)), surface).save(place / "map.npz")
+        asset = read_asset(_write(place / "uv.ply", _ply_with_texture(mesh, texture)))
+        for ending in ("glb", "gltf"):
+            write_asset(asset, place / f"a.{ending}")
+            for method in COMPRESSIONS:
+                write_asset(asset, place / f"{method}.{ending}", compression=method)
+        return {name: (place / name).read_bytes() for name in names}
 
 
 def _export(mesh: Any, **options: str) -> bytes:

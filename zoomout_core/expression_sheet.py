@@ -14,8 +14,9 @@ from zoomout_core.arrays import Booleans, Bytes, Floats, Integers
 from zoomout_core.colors import BAD_TO_GOOD
 from zoomout_core.drawing import draw_triangles
 from zoomout_core.geometry.procrustes import Similarities, procrustes
-from zoomout_core.mesh.triangles import unit_vectors, vertex_areas, vertex_normals
+from zoomout_core.mesh.triangles import unit_vectors, vertex_areas, vertex_normals, widen
 from zoomout_core.messages import message
+from zoomout_core.runtime.once import cached_property
 from zoomout_core.runtime.progress import advance, stage
 
 # Pixels of a head, of the line above it, and between tiles.
@@ -77,7 +78,7 @@ def draw_sheet(source: Head, target: Head, marks: Mapping[str, Booleans], label:
     view = _View.of(source)
     similarity = _similarity(source, target)
     views = view, _View.of(target) if similarity is None else view.follow(target, similarity)
-    tiles = [_tile("At rest", [view.draw() for view in views], label)]
+    tiles = [_tile("At rest", [view.at_rest for view in views], label)]
     for number, name in enumerate(source.keys):
         with stage(message("Drawing {key}", key=name), 0, 1):
             advance(number / len(source.keys))
@@ -155,15 +156,42 @@ class _View:
         center = scale * rotation @ self.center + similarity.translation
         return _View(head, self.axes @ rotation.T, center, self.scale / scale)
 
-    def draw(self, key: str = "", marked: Booleans | None = None) -> Bytes:
-        """A picture of the head with a key at full strength, if it has it."""
-        offsets = self.head.keys.get(key)
-        moved = self.head.vertices if offsets is None else self.head.vertices + offsets
-        points = (moved - self.center) @ self.axes.T * self.scale + [WIDTH / 2, HEIGHT / 2, 0]
-        colors = np.tile(SKIN, (len(points), 1))
+    @cached_property
+    def at_rest(self) -> Bytes:
+        """A picture of the head at rest."""
+        return self._paint(self._points(self.head.vertices), self._colors())
+
+    def draw(self, key: str, marked: Booleans | None = None) -> Bytes:
+        """A picture of the head with a key at full strength, if it has it, and with marked vertices in red."""
+        vertices, triangles = self.head.vertices, self.head.triangles
+        offsets = self.head.keys.get(key, np.zeros_like(vertices))
+        changed = offsets.any(axis=1) if marked is None else offsets.any(axis=1) | marked
+        if not changed.any():
+            return self.at_rest
+        # The triangles around a vertex shade it, and the others around it show its shade.
+        changed = widen(widen(changed, triangles), triangles)
+        points = self._points(vertices + offsets)
+        reached = np.concatenate([points[changed], self._points(vertices[changed])])[:, :2]
+        left, bottom = np.floor(reached.min(axis=0).clip(0, [WIDTH, HEIGHT])).astype(int)
+        right, top = np.ceil(reached.max(axis=0).clip(0, [WIDTH, HEIGHT])).astype(int)
+        picture = self.at_rest.copy()
+        part = self._paint(points - [left, bottom, 0], self._colors(marked), right - left, top - bottom)
+        picture[HEIGHT - top : HEIGHT - bottom, left:right] = part
+        return picture
+
+    def _colors(self, marked: Booleans | None = None) -> Floats:
+        """(n, 3) colours of the vertices."""
+        colors = np.tile(SKIN, (len(self.head.vertices), 1))
         if marked is not None:
             colors[marked] = MARK
-        return draw_triangles(points, self.head.triangles, colors, WIDTH, HEIGHT, PAPER)
+        return colors
+
+    def _points(self, vertices: Floats) -> Floats:
+        """(n, 3) places of vertices (n, 3) in the picture, in pixels."""
+        return (vertices - self.center) @ self.axes.T * self.scale + [WIDTH / 2, HEIGHT / 2, 0]
+
+    def _paint(self, points: Floats, colors: Floats, width: int = WIDTH, height: int = HEIGHT) -> Bytes:
+        return draw_triangles(points, self.head.triangles, colors, width, height, PAPER)
 
 
 def _tile(text: str, pictures: Sequence[Bytes], label: Label) -> Bytes:

@@ -15,8 +15,6 @@ from string import Formatter
 from typing import Any
 
 NO_MEMORY = "There is not enough memory: close other programs, use a coarser detail, or use meshes with fewer vertices."
-# Prefix of a printed warning; click marks errors in the same way.
-WARNING = "Warning: "
 # Maximum length of a format specification in a stored template: a longer one could request gigabytes of spaces.
 MAX_FORMAT_LENGTH = 4
 # JSON keys of a stored Message, and of a stored dictionary with Messages as keys.
@@ -68,7 +66,7 @@ def is_warning(text: str) -> bool:
 def note_lines(notes: Iterable[str]) -> list[str]:
     """Notes as command lines print them: warnings come first, and are marked like errors."""
     notes = list(notes)
-    warnings = [f"{WARNING}{note}" for note in notes if is_warning(note)]
+    warnings = [message("Warning: {note}", note=note) for note in notes if is_warning(note)]
     return [*warnings, *(note for note in notes if not is_warning(note))]
 
 

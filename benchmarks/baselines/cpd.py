@@ -42,12 +42,10 @@ class Drift:
     Attributes:
         centres: (m, 3) of the kernel.
         weights: (m, 3) W.
-        variance: sigma^2 at the end.
     """
 
     centres: Floats
     weights: Floats
-    variance: float
 
     def move(self, points: Floats) -> Floats:
         """(n, 3) points (n, 3) after the displacement."""
@@ -90,7 +88,7 @@ def register(moving: Floats, fixed: Floats, iterations: int = ITERATIONS) -> Dri
         variance = float((share * apart).sum() / (share.sum() * moving.shape[1]))
         if variance < MIN_VARIANCE:
             break
-    return Drift(moving, weights, variance)
+    return Drift(moving, weights)
 
 
 def probabilities(centres: Floats, points: Floats, variance: float) -> Floats:

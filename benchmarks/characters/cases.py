@@ -126,14 +126,12 @@ def outfit(path: Path) -> Case:
     with np.load(path) as file:
         arrays = dict(file)
     source, target = (_polygons(arrays, side) for side in ("source", "target"))
-    names = tuple(arrays["source_part_names"].tolist())
     rest = Rest(
         arrays["source_rest"].astype(np.float64),
         arrays["target_rest"].astype(np.float64),
         float(arrays["height"]) / CENTIMETRES,
         arrays["source_part"].astype(np.int64),
         arrays["target_part"].astype(np.int64),
-        names,
     )
     return Case(OUTFITS, path.stem, source, target, rest)
 

@@ -43,7 +43,6 @@ class Rest:
         unit: the length of a centimetre.
         source_part: (n_s,) the part of the outfit, such as a shoe, that each source vertex belongs to.
         target_part: (n_t,) the same of the target's.
-        part_names: of the source's parts.
     """
 
     source: Floats
@@ -51,7 +50,6 @@ class Rest:
     unit: float
     source_part: Integers
     target_part: Integers
-    part_names: tuple[str, ...]
 
 
 def bones_of(source: Character, target: Character, body: Body) -> Bones:

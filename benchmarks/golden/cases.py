@@ -68,7 +68,7 @@ def _collect(count: int = 3, **options: Any) -> Fields:
 
 
 def _by_workers() -> Fields:
-    from zoomout_core.collection.engine import local_engine
+    from zoomout_core.collection.dask_engine import local_engine
 
     with local_engine(2, 0) as engine:
         return _collect(template="pose0", engine=engine)

@@ -23,7 +23,8 @@ from benchmarks.official.lists import OfficialList
 from benchmarks.official.measure import Setting, measure
 from benchmarks.stored import append, code_version, read
 from benchmarks.tables import Record
-from zoomout_core.collection.engine import Failure, Task, local_engine
+from zoomout_core.collection.dask_engine import local_engine
+from zoomout_core.collection.engine import Failure, Task
 
 
 def run(lists: Sequence[OfficialList], setting: Setting, pairs: int | None, folder: Path, workers: int) -> None:

@@ -122,16 +122,18 @@ def _run(command_line: Sequence[str]) -> int:
                 part.write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
         except OSError as error:
             failed.append(str(error))
-    for name, entry in report[done].items():
-        print(
-            f"zoomout: {command} {'to' if done == 'targets' else 'of'} '{name}' "
-            f"{'failed' if 'error' in entry else 'done'}"
-        )
-        for line in _lines(entry):
-            print(f"zoomout:   {line}")
+    _print(command, "to" if done == "targets" else "of", report[done])
     for reason in failed:
         print(f"zoomout: {reason}", file=sys.stderr)
     return FAILED if failed else DONE
+
+
+def _print(command: str, preposition: str, entries: Mapping[str, dict[str, Any]]) -> None:
+    """Print what a command did to, or of, each object, by its name."""
+    for name, entry in entries.items():
+        print(f"zoomout: {command} {preposition} '{name}' {'failed' if 'error' in entry else 'done'}")
+        for line in _lines(entry):
+            print(f"zoomout:   {line}")
 
 
 def _with_warnings(entry: dict[str, Any]) -> dict[str, Any]:

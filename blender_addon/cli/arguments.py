@@ -12,6 +12,7 @@ from typing import Any
 
 from zoomout_core.matching.presets import DETAIL
 from zoomout_core.transfer.keys.key_table import CONVENTIONS
+from zoomout_core.translations import ENGLISH, LANGUAGES
 
 from ..adapters import DATA, USUAL_DATA
 from ..properties.dress import DressOptions
@@ -185,6 +186,7 @@ def _add_outfits(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--format", choices=("blend", "fbx", "glb"), help="format to write, if not that of the avatar")
     parser.add_argument("--restart", action="store_true", help="compute everything again")
+    parser.add_argument("--language", choices=(ENGLISH, *LANGUAGES), help="of report.html, if not that of Blender")
     parser.add_argument("--detail", choices=tuple(DETAIL), default="balanced", help="for the matches")
     _add_options(parser, DressOptions)
     _add_force(parser)

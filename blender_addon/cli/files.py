@@ -32,6 +32,7 @@ from ..services.library import asset_libraries, read_assets
 from ..services.outfits import ENDINGS, BlenderFiles
 from ..services.targets import Outcome
 from ..storage.stored_match import StoredMatch
+from ..translations import user_language
 from .arguments import as_in_sidebar
 
 
@@ -175,7 +176,10 @@ def outfits(context: Context, options: argparse.Namespace) -> dict[str, Any]:
     ending = f".{options.format}" if options.format else ""
     files = BlenderFiles(context, dressing, tuple(options.body), options.force, ending)
     match_options = MatchOptions(**resolve_detail(options.detail))
-    result = dress_files(outfits, avatars, options.output, files, match_options, resume=not options.restart)
+    locale = options.language or user_language("use_translate_interface")
+    result = dress_files(
+        outfits, avatars, options.output, files, match_options, resume=not options.restart, locale=locale
+    )
     return {
         str(name): {"verdict": worn.verdict._asdict(), "file": worn.output, "notes": list(worn.notes)}
         for name, worn in result.worn.items()

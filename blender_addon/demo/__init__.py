@@ -105,28 +105,7 @@ def run(output: Path, size: Size = FULL_SIZE) -> dict[str, Any]:
             bpy.ops.zoomout.transfer()
         with _timed(seconds, "data_transfer_mappings"):
             mappings = transfer_best(demo.character, demo.baseline, demo.truth)
-        report = {
-            "versions": _versions(),
-            "vertices": {
-                "source": len(demo.character.data.vertices),
-                "target": len(demo.target.data.vertices),
-                "target_of_uncertain_truth": int((~demo.truth.known).sum()),
-            },
-            "errors": errors(demo),
-            "units": UNITS,
-            "data_transfer_mappings": mappings,
-            "torn_faces": {
-                "of": len(demo.target.data.polygons),
-                "zoomout": torn_faces(demo.target, demo.target_surface, demo.truth),
-                "data_transfer": torn_faces(demo.baseline, demo.target_surface, demo.truth),
-            },
-            "unweighted_vertices": {
-                "zoomout": unweighted_vertices(demo.target),
-                "data_transfer": unweighted_vertices(demo.baseline),
-            },
-            "transfer": transfer_report(demo.target),
-            "seconds": seconds,
-        }
+        report = _report_on(demo) | {"data_transfer_mappings": mappings, "seconds": seconds}
         with _timed(seconds, "picture"):
             picture.arrange(demo.character, demo.armature, demo.target, demo.baseline, report)
             with atomic_write(output / "demo.blend") as part:
@@ -136,6 +115,30 @@ def run(output: Path, size: Size = FULL_SIZE) -> dict[str, Any]:
     with atomic_write(output / "report.json") as part:
         part.write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
     return report
+
+
+def _report_on(demo: DemoObjects) -> dict[str, Any]:
+    """The objects after both transfers: their sizes, errors and faults."""
+    return {
+        "versions": _versions(),
+        "vertices": {
+            "source": len(demo.character.data.vertices),
+            "target": len(demo.target.data.vertices),
+            "target_of_uncertain_truth": int((~demo.truth.known).sum()),
+        },
+        "errors": errors(demo),
+        "units": UNITS,
+        "torn_faces": {
+            "of": len(demo.target.data.polygons),
+            "zoomout": torn_faces(demo.target, demo.target_surface, demo.truth),
+            "data_transfer": torn_faces(demo.baseline, demo.target_surface, demo.truth),
+        },
+        "unweighted_vertices": {
+            "zoomout": unweighted_vertices(demo.target),
+            "data_transfer": unweighted_vertices(demo.baseline),
+        },
+        "transfer": transfer_report(demo.target),
+    }
 
 
 def summary(report: dict[str, Any]) -> list[str]:

@@ -24,7 +24,7 @@ from .attributes.layers import (
 )
 from .attributes.marks import MARKS, SEAMS, read_marks, write_marks
 from .attributes.materials import read_materials, write_materials
-from .attributes.normals import read_custom_normals, read_normals, read_own_normals, write_custom_normals
+from .attributes.normals import read_normals, read_own_normals, write_custom_normals
 from .attributes.selection import read_selection, select_only, write_selection
 from .attributes.vertex_groups import (
     deforming_bones,
@@ -102,7 +102,7 @@ from .rigs.armatures import (
     stands_as_modelled,
     unbind,
 )
-from .rigs.metarigs import copy_metarig, metarig_of
+from .rigs.metarigs import copy_loose_rig, copy_metarig, metarig_of
 from .rigs.moved_rig import RigBones, bends_at_rest, child_of_constraints, copy_rig, read_rig_bones
 from .rigs.outfit_bones import OutfitBones, add_outfit_bones, bind_to_other, bones_copied_from, read_outfit_bones
 from .surfaces.base import (
@@ -216,6 +216,7 @@ __all__ = [
     "collection_beside",
     "content_hash",
     "content_of",
+    "copy_loose_rig",
     "copy_metarig",
     "copy_rig",
     "copy_with_images",
@@ -260,7 +261,6 @@ __all__ = [
     "read_animation",
     "read_body_keys",
     "read_bones",
-    "read_custom_normals",
     "read_detailed_mesh",
     "read_faces",
     "read_full_offsets",

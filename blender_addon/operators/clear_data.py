@@ -13,6 +13,7 @@ from ..jobs import pause
 from ..services.clear_data import clear_file, clear_match_data
 from ..translations import translated
 from .base import activity
+from .base.availability import is_available
 from .base.modal_operator import ModalOperator
 
 OF_FILE = (
@@ -45,9 +46,7 @@ class ZOOMOUT_OT_clear_match_data(ModalOperator):
     @classmethod
     def poll(cls, context: Context) -> bool:
         """Whether no other operator is running."""
-        if activity.running:
-            cls.poll_message_set(translated(activity.AT_WORK))
-        return not activity.running
+        return is_available(cls, activity.AT_WORK if activity.running else "")
 
     def invoke(self, context: Context, event: Event) -> set[str]:
         """Ask before clearing a whole file."""

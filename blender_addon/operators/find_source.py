@@ -14,6 +14,7 @@ from ..properties.once import ONCE
 from ..services.library import append_source, find_source_async, library_folders
 from ..translations import reported, translated
 from .base import activity
+from .base.availability import is_available
 from .base.modal_operator import ModalOperator
 
 
@@ -36,9 +37,7 @@ class ZOOMOUT_OT_find_source(ModalOperator):
             reason = "Select the mesh that needs a source"
         elif not library_folders(context):
             reason = "Choose a library in the sidebar"
-        if reason:
-            cls.poll_message_set(translated(reason))
-        return not reason
+        return is_available(cls, reason)
 
     async def work(self, context: Context) -> str:
         target = context.active_object.name
@@ -89,9 +88,7 @@ class ZOOMOUT_OT_append_source(Operator):
     @classmethod
     def poll(cls, context: Context) -> bool:
         """Whether nothing else is at work."""
-        if activity.running:
-            cls.poll_message_set(translated(activity.AT_WORK))
-        return not activity.running
+        return is_available(cls, activity.AT_WORK if activity.running else "")
 
     path: StringProperty(name="File", description="File to append", subtype="FILE_PATH", options=ONCE)
     joints: StringProperty(

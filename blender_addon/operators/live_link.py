@@ -15,8 +15,8 @@ from ..properties.transfer import BlendOptions, TransferOptions
 from ..scene.selection import chosen_targets, match_source
 from ..services.live_link import link_of, prepare_link, prepare_update, summary
 from ..services.targets import Write, each_target
-from ..translations import translated
 from ..viewport import preview
+from .base.availability import is_available
 from .base.matched_operator import MatchedOperator
 
 
@@ -67,10 +67,8 @@ class ZOOMOUT_OT_update_linked(LinkOperator):
         """Whether the active object is linked."""
         if not super().poll(context):
             return False
-        if link_of(context.active_object) is None:
-            cls.poll_message_set(translated("Link this mesh first, with Keep Linked"))
-            return False
-        return True
+        is_linked = link_of(context.active_object) is not None
+        return is_available(cls, "" if is_linked else "Link this mesh first, with Keep Linked")
 
     def targets(self, context: Context) -> list[str]:
         objects = context.scene.objects

@@ -7,13 +7,18 @@ from dataclasses import replace
 
 from bpy.types import Context
 
+from zoomout_core.messages import enumeration
+
+from ..jobs import Work
 from ..mesh_data import armatures_of
 from ..properties.match import MatchOptions
 from ..properties.settings import SourceName, take_settings
 from ..properties.transfer import BindOptions, BlendOptions
-from ..scene.selection import choose_source
+from ..scene.selection import choose_source, sources_of_targets
+from ..services.binding.loose_armature import MovedArmature, loose_armature, prepare_armature
 from ..services.binding.part import add_bones_async
 from ..services.matching.made_match import MatchUse
+from ..services.targets import Write, each_target
 from ..services.transfer import done
 from ..viewport import preview
 from .base.modal_operator import ModalOperator
@@ -27,7 +32,8 @@ class ZOOMOUT_OT_move_rig(SourceName, MatchOptions, BlendOptions, BindOptions, M
         "Copy the source's armature, move its bones into the body of the active mesh, and bind the mesh to the copy "
         "with the source's vertex groups. Does the same for the other selected meshes. For meshes of another build: "
         "they keep their place and size, and are matched first if necessary. With Mask, an active mesh that has an "
-        "armature keeps it, and gets the bones of another source that move that part, such as those of its face"
+        "armature keeps it, and gets the bones of another source that move that part, such as those of its face. An "
+        "armature without bone weights, such as a metarig, moves alone if it is selected, too"
     )
     bl_options = {"REGISTER", "UNDO"}
 
@@ -39,6 +45,9 @@ class ZOOMOUT_OT_move_rig(SourceName, MatchOptions, BlendOptions, BindOptions, M
         take_settings(self, context.scene.zoomout)
         if self.mask_group and armatures_of(context.active_object):
             return await self._add_bones(context)
+        sources = sources_of_targets(context, self.source)
+        if armature := loose_armature(context, sources.values()):
+            return await self._move_armature(context, armature, sources)
         return done(await bind_targets(self, context, replace(self.how_to_bind(), move_rig=True)), False)
 
     async def _add_bones(self, context: Context) -> str:
@@ -54,3 +63,17 @@ class ZOOMOUT_OT_move_rig(SourceName, MatchOptions, BlendOptions, BindOptions, M
         )
         preview.clear()  # it would hide the result
         return added.sentence
+
+    async def _move_armature(self, context: Context, armature: str, source_of: dict[str, str]) -> str:
+        """Place a copy of an armature without weights in the active mesh and the other selected ones."""
+        options = self.match_options()
+        undo_step = self.adds_undo_steps and len(source_of) == 1
+        use = MatchUse(self.options.is_repeat, remedy=self.remedy, undo_step=undo_step)
+
+        def work(target: str) -> Work[Write[MovedArmature]]:
+            return prepare_armature(context, armature, source_of[target], target, use, **options)
+
+        outcome = await each_target(list(source_of), work)
+        preview.clear()  # it would hide the result
+        self.report_failed(outcome)
+        return enumeration((each.sentence for each in outcome.done.values()), "; ")

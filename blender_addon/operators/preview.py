@@ -15,6 +15,7 @@ from ..services.matching import previews
 from ..translations import translated
 from ..viewport import preview
 from ..viewport.preview import ASYMMETRY, OF_BINDING, OF_MATCH, OF_SYMMETRY
+from .base.availability import is_available
 from .base.modal_operator import ModalOperator
 
 # Asymmetry has options, and therefore a separate operator.
@@ -65,9 +66,7 @@ class ZOOMOUT_OT_clear_preview(Operator):
     @classmethod
     def poll(cls, context: Context) -> bool:
         """Whether there is a preview."""
-        if preview.current() is None:
-            cls.poll_message_set(translated("There is no preview"))
-        return preview.current() is not None
+        return is_available(cls, "There is no preview" if preview.current() is None else "")
 
     def execute(self, context: Context) -> set[str]:
         """Remove the preview."""

@@ -118,15 +118,7 @@ async def match_pair(
         notes = of_constraints + notes
     await pause()
     parts = read_parts(context, pair)
-    try:
-        target = pair.target if whole is None else whole
-        result = await compute(partial(zo.match, pair.source, target, **arguments | options))
-    except LandmarkError as error:
-        name = pair.source_name if error.role == "source" else pair.target_name
-        number = landmarks.numbers[error.number] if landmarks.numbers else error.number
-        raise zo.MeshError(
-            "Landmark {number} on '{name}', {fault}", number=number, name=name, fault=error.fault
-        ) from error
+    result = await _match(pair, pair.target if whole is None else whole, arguments | options, landmarks.numbers)
     if _contradicts_names(result, arguments.get("regions", ())):
         notes.append(
             "The map contradicts most names that the two objects share: check whether names or sides are swapped."
@@ -140,6 +132,21 @@ async def match_pair(
         )
         result = HalfResult.of(result, pair.target)
     return replace(result, notes=(*notes, *on_parts, *result.notes))
+
+
+async def _match(
+    pair: ObjectPair, target: zo.Surface, arguments: dict[str, Any], numbers: Sequence[int]
+) -> zo.MatchResult:
+    """`zoomout_core.match`, whose errors name landmarks by the user's numbers, if these are known."""
+    try:
+        return await compute(partial(zo.match, pair.source, target, **arguments))
+    except LandmarkError as error:
+        raise zo.MeshError(
+            "Landmark {number} on '{name}', {fault}",
+            number=numbers[error.number] if numbers else error.number,
+            name=pair.source_name if error.role == "source" else pair.target_name,
+            fault=error.fault,
+        ) from error
 
 
 def _contradicts_names(result: zo.MatchResult, regions: Sequence[tuple[np.ndarray, np.ndarray]]) -> bool:

@@ -198,23 +198,10 @@ def _reason(context: Context, source: Object, target: Object) -> str:
 
 
 def _doubtful(context: Context, source: Object, target: Object) -> Iterator[str]:
+    """Sentences about properties of two objects that may make a match or transfer worse."""
     both = source, target
     for obj in both:
-        count, known = len(obj.data.vertices), latest_facts(obj)
-        if count < FEW_VERTICES and context.scene.zoomout.initial == "AUTO":
-            yield message(
-                "'{name}' has only {count:,} vertices, too few for automatic matching: subdivide it, or "
-                "use Nearest Points.",
-                name=obj.name,
-                count=count,
-            )
-        if known is not None and known.non_manifold_edges:
-            yield message(
-                "'{name}' has edges with more than two faces ({count}): if the match is wrong there, "
-                "find them with Select > All by Trait > Non Manifold and repair them.",
-                name=obj.name,
-                count=known.non_manifold_edges,
-            )
+        yield from _doubts_about(context, obj)
     parts = {obj.name: known.parts for obj in both if (known := latest_facts(obj))}
     # After a match, its verdict says whether the parts have arrived.
     if len(parts) == len(both) and max(parts.values()) > 1 and match_source(context, target) != source.name:
@@ -235,6 +222,25 @@ def _doubtful(context: Context, source: Object, target: Object) -> Iterator[str]
             "single-user to prevent this.",
             users=users,
             target=target.name,
+        )
+
+
+def _doubts_about(context: Context, obj: Object) -> Iterator[str]:
+    """Sentences about a mesh that may be too coarse to be matched, or that has faulty edges."""
+    count, known = len(obj.data.vertices), latest_facts(obj)
+    if count < FEW_VERTICES and context.scene.zoomout.initial == "AUTO":
+        yield message(
+            "'{name}' has only {count:,} vertices, too few for automatic matching: subdivide it, or "
+            "use Nearest Points.",
+            name=obj.name,
+            count=count,
+        )
+    if known is not None and known.non_manifold_edges:
+        yield message(
+            "'{name}' has edges with more than two faces ({count}): if the match is wrong there, "
+            "find them with Select > All by Trait > Non Manifold and repair them.",
+            name=obj.name,
+            count=known.non_manifold_edges,
         )
 
 

@@ -126,8 +126,8 @@ def bind_to_rig(
         MeshError: the target cannot be bound; nothing was written.
         TypeError: an option of the match is unknown.
     """
-    how = binding or Binding()
-    return transfer_objects(context, source, target, (), settings, how, hide_source, **match_options)
+    binding = binding or Binding()
+    return transfer_objects(context, source, target, (), settings, binding, hide_source, **match_options)
 
 
 def move_rig(

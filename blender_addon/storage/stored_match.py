@@ -96,10 +96,16 @@ def write(mesh: Mesh, match: Match, pair: ObjectPair, settings: Mapping[str, Any
         pair: its two objects.
         settings: arguments that it was computed with; only numbers and strings are stored.
     """
-    surface_map, (source, *further), target = match.surface_map, pair.source_fingerprints, pair.target_fingerprint
+    _write_layers(mesh, match)
+    mesh[PROPERTY] = json.dumps(_describe_match(mesh, match, pair, settings))
+    mesh.update()
+
+
+def _write_layers(mesh: Mesh, match: Match) -> None:
+    """Write the attributes of a match; `HAS_PARTNER` is removed if the match does not know it."""
     for name, kind, data_type, values in (
-        (TRIANGLE, Kind.LABEL, "INT", surface_map.triangle),
-        (BARYCENTRIC, Kind.VECTOR, "FLOAT_VECTOR", surface_map.barycentric),
+        (TRIANGLE, Kind.LABEL, "INT", match.surface_map.triangle),
+        (BARYCENTRIC, Kind.VECTOR, "FLOAT_VECTOR", match.surface_map.barycentric),
         (CONFIDENCE, Kind.SCALAR, "FLOAT", match.confidence),
     ):
         write_layer(mesh, Layer(Attribute(name, Domain.POINT, kind, values), Role.GENERIC, data_type))
@@ -108,33 +114,35 @@ def write(mesh: Mesh, match: Match, pair: ObjectPair, settings: Mapping[str, Any
     if match.has_partner is not None:
         mask = Attribute(HAS_PARTNER, Domain.POINT, Kind.BOOLEAN, match.has_partner)
         write_layer(mesh, Layer(mask, Role.GENERIC, "BOOLEAN"))
+
+
+def _describe_match(mesh: Mesh, match: Match, pair: ObjectPair, settings: Mapping[str, Any]) -> dict[str, Any]:
+    """The description of a match whose attributes are on a mesh, with the `ENTRIES`."""
+    (source, *further), target = pair.source_fingerprints, pair.target_fingerprint
     of_source, torn, verdict = (
         (None, None, None)
         if isinstance(match, zo.ProximityMatch)
         else (match.source_has_partner, match.torn, match.verdict)
     )
-    mesh[PROPERTY] = json.dumps(
-        {
-            "source": source.name,
-            "source_fingerprint": source.digest,
-            "target_fingerprint": target.digest,
-            # For fast checks, see `preflight.stale`.
-            "content": {"source": source.content, "target": target.content},
-            "size": {"source": source.size, "target": target.size},
-            "mirrored": {"source": source.mirrored, "target": target.mirrored},
-            "others": [_describe(source) for source in further],
-            "entries": _hash_of_entries(mesh),
-            "vertices": len(match.confidence),
-            "low_confidence": low_confidence(match.confidence),
-            "without_partner": without_partner(match),
-            "source_has_partner": None if of_source is None else pack_mask(of_source),
-            "verdict": None if verdict is None else to_json(list(verdict)),
-            "torn": None if torn is None else pack_mask(torn),
-            "notes": to_json(match.notes),
-            "settings": {name: value for name, value in settings.items() if isinstance(value, (int, float, str))},
-        }
-    )
-    mesh.update()
+    return {
+        "source": source.name,
+        "source_fingerprint": source.digest,
+        "target_fingerprint": target.digest,
+        # For fast checks, see `preflight.stale`.
+        "content": {"source": source.content, "target": target.content},
+        "size": {"source": source.size, "target": target.size},
+        "mirrored": {"source": source.mirrored, "target": target.mirrored},
+        "others": [_describe_source(other) for other in further],
+        "entries": _hash_of_entries(mesh),
+        "vertices": len(match.confidence),
+        "low_confidence": low_confidence(match.confidence),
+        "without_partner": without_partner(match),
+        "source_has_partner": None if of_source is None else pack_mask(of_source),
+        "verdict": None if verdict is None else to_json(list(verdict)),
+        "torn": None if torn is None else pack_mask(torn),
+        "notes": to_json(match.notes),
+        "settings": {name: value for name, value in settings.items() if isinstance(value, (int, float, str))},
+    }
 
 
 def read(mesh: Mesh, pair: ObjectPair) -> StoredMatch | None:
@@ -146,16 +154,8 @@ def read(mesh: Mesh, pair: ObjectPair) -> StoredMatch | None:
     stored = description(mesh)
     if stored is None:
         return None
-    digests = [stored["source_fingerprint"], *(other["fingerprint"] for other in others(stored))]
-    if len(digests) != len(pair.source_fingerprints):
+    if not _is_of_sources(stored, pair):
         return None
-    for digest, source in zip(digests, pair.source_fingerprints, strict=True):
-        if digest != source.digest:
-            if stored["source"] != pair.source_name:
-                return None
-            raise zo.MeshError(
-                "The source '{source}' was edited since it was matched: match again.", source=source.name
-            )
     if stored["target_fingerprint"] != pair.target_fingerprint.digest:
         raise zo.MeshError(
             "The target '{target}' was edited since it was matched: match again.", target=pair.target_name
@@ -179,6 +179,25 @@ def read(mesh: Mesh, pair: ObjectPair) -> StoredMatch | None:
         verdict_of(stored),
         unpack_mask(stored.get("torn"), len(confidence)),
     )
+
+
+def _is_of_sources(stored: Mapping[str, Any], pair: ObjectPair) -> bool:
+    """Whether a match, by its description, has the sources of a pair.
+
+    Raises:
+        MeshError: it has, but one of them was edited since.
+    """
+    digests = [stored["source_fingerprint"], *(other["fingerprint"] for other in others(stored))]
+    if len(digests) != len(pair.source_fingerprints):
+        return False
+    for digest, source in zip(digests, pair.source_fingerprints, strict=True):
+        if digest != source.digest:
+            if stored["source"] != pair.source_name:
+                return False
+            raise zo.MeshError(
+                "The source '{source}' was edited since it was matched: match again.", source=source.name
+            )
+    return True
 
 
 def verdict_of(stored: Mapping[str, Any]) -> zo.Verdict | None:
@@ -220,7 +239,7 @@ def remove(mesh: Mesh) -> None:
 
 
 def others(stored: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """The further sources that a target maps to, as dictionaries from `_describe`."""
+    """The further sources that a target maps to, as dictionaries from `_describe_source`."""
     return stored.get("others") or []
 
 
@@ -253,7 +272,7 @@ def unpack_mask(text: str | None, count: int) -> Booleans | None:
     return found if len(found) == count else None
 
 
-def _describe(source: Fingerprint) -> dict[str, Any]:
+def _describe_source(source: Fingerprint) -> dict[str, Any]:
     """The stored form of a source other than the first."""
     return {
         "name": source.name,

@@ -10,17 +10,8 @@ import numpy as np
 
 import zoomout_core as zo
 from meshlab_filter.catalogue import mesh_filter
-from meshlab_filter.filters.common import (
-    ACCURACY,
-    MATCHING,
-    SOURCE,
-    STORED,
-    STORED_OR_NEW,
-    TARGET,
-    find_correspondence,
-    match_layers,
-    report_on,
-)
+from meshlab_filter.filters.match_parameters import ACCURACY, MATCHING, SOURCE, STORED, STORED_OR_NEW, TARGET
+from meshlab_filter.filters.matches import find_correspondence, match_layers, report_on
 from meshlab_filter.mesh_data import (
     Layer,
     add_layer,

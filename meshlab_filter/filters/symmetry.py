@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import zoomout_core as zo
 from meshlab_filter.catalogue import current_id, mesh_filter
-from meshlab_filter.filters.common import ACCURACY
+from meshlab_filter.filters.match_parameters import ACCURACY
 from meshlab_filter.mesh_data import apply_native, read_layer
 from meshlab_filter.parameters import CHOICE, COUNT, SWITCH, TEXT, Parameter
 from meshlab_filter.stored import Correspondence, attribute_names, check_names, store

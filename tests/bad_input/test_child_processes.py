@@ -20,8 +20,9 @@ import pytest
 from creatures import creature
 
 import zoomout_core
-from zoomout_core.collection import engine as engine_module
-from zoomout_core.collection.engine import OnDask, Task, check_open_files, check_working_folder, local_engine
+from zoomout_core.collection import dask_engine
+from zoomout_core.collection.dask_engine import OnDask, check_open_files, check_working_folder, local_engine
+from zoomout_core.collection.engine import Task
 from zoomout_core.mesh.formats import blender_files
 from zoomout_core.mesh.formats.blender_files import PROGRAM, blender_command
 from zoomout_core.mesh.formats.files import write_shape
@@ -38,7 +39,7 @@ STARTING = re.compile(
 )
 KNOWN = {
     "zoomout_core/mesh/formats/blender_files.py": 1,
-    "zoomout_core/collection/engine.py": 1,
+    "zoomout_core/collection/dask_engine.py": 1,
     "meshlab_filter/trial.py": 1,
 }
 TRIAL = """
@@ -245,7 +246,7 @@ def test_old_python_refuses_folder_with_shadowing_modules(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(engine_module, "SAFE_PATH_SINCE", (9, 9))
+    monkeypatch.setattr(dask_engine, "SAFE_PATH_SINCE", (9, 9))
     (tmp_path / "numpy.py").touch()
     (tmp_path / "notes.txt").touch()
     check_working_folder()
@@ -392,7 +393,7 @@ def test_missing_scheduler_is_reported_at_once() -> None:
     before = set(threading.enumerate())
     with (
         pytest.raises(ConnectionError, match="There is no scheduler at nonsense"),
-        engine_module.remote_engine("nonsense", 0),
+        dask_engine.remote_engine("nonsense", 0),
     ):
         pass
     assert set(threading.enumerate()) <= before

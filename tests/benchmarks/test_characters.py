@@ -103,7 +103,7 @@ def test_limb_missing_from_source_is_not_counted(fan: Case) -> None:
 def test_errors_at_rest_are_in_centimetres(fan: Case) -> None:
     none = np.zeros(6, dtype=np.int64)
     rest = fan.source.vertices
-    case = replace(fan, truth=Rest(rest, rest + np.array([0, 0, 3]), 0.5, none, none, ("body",)))
+    case = replace(fan, truth=Rest(rest, rest + np.array([0, 0, 3]), 0.5, none, none))
     found = figures(case, zo.SurfaceMap.from_vertices(np.arange(6), fan.source))
     assert (found.error, found.median) == pytest.approx((6, 6))
     assert found.right

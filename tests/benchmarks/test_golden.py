@@ -48,3 +48,9 @@ def test_unknown_case_is_refused(tmp_path: Path) -> None:
     refused = run(tmp_path, "--only", "nothing")
     assert refused.exit_code == 1
     assert "No case begins with nothing; these sorts are known: whole, part" in refused.output
+
+
+def test_missing_folder_of_the_json_file_is_created(tmp_path: Path) -> None:
+    file = tmp_path / "build" / "golden.json"
+    assert run(tmp_path, "--only", "error no axis", "--json", str(file)).exit_code == 0
+    assert {record["case"] for record in json.loads(file.read_text())["pairs"]} == {"error no axis"}

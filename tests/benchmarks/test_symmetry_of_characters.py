@@ -56,7 +56,7 @@ def test_a_symmetry_becomes_a_record_and_records_a_row(character: Character) -> 
 def test_worn_objects_are_measured_at_rest(character: Character) -> None:
     surface = zo.Surface(character.rest.vertices, character.rest.triangles)
     places, part = character.rest.vertices, np.zeros(len(character.rest.vertices), dtype=np.int64)
-    rest = Rest(places, places * [-1, 1, 1], 0.02, part, part, ("body",))
+    rest = Rest(places, places * [-1, 1, 1], 0.02, part, part)
     record = symmetry_record(Case(WORN, "creature", surface, surface, rest))
     assert record["right"]
     assert record["cm"] < 5

@@ -13,6 +13,8 @@ from true_match import keep_true_match
 BONES = ("Lower", "Middle", "Upper")
 POSE = {"Middle": (0.7, 0.0, 0.3), "Upper": (0.2, 0.4, 0.0)}
 OTHER = {"Lower": (0.1, 0.0, 0.2), "Middle": (-0.5, 0.2, 0.0), "Upper": (0.0, 0.3, -0.4)}
+# Another build: longer and thinner.
+BUILD = np.array([0.8, 0.8, 1.5])
 
 
 def mesh_object(name, surface):
@@ -119,3 +121,19 @@ def shear():
 
 
 __all__ = ["LENGTH"]
+
+
+def other_build(place=None):
+    """A tube of another build and topology, somewhere, with its true match; and its vertices in its own space."""
+    still = tube(around=11, along=33, turned=0.4)
+    target = mesh_object("Target", still.with_vertices(still.vertices * BUILD))
+    target.matrix_world = place or Matrix()
+    bpy.context.view_layer.update()
+    keep_true_match(target, still.vertices)
+    return target, still.vertices * BUILD
+
+
+def in_target(target, points):
+    """Points of the target's own space, in world space."""
+    matrix = np.array(target.matrix_world)
+    return points @ matrix[:3, :3].T + matrix[:3, 3]

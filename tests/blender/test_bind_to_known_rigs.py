@@ -74,6 +74,17 @@ def test_metarig_moves_with_its_rig(rigify):
     assert places[1][2, 2] == pytest.approx(1.5 * places[2][2, 2], rel=0.05)
 
 
+def test_a_metarig_alone_generates_a_rig_of_its_own(rigify):
+    source, armature = source_and_rig(around=10, along=31)
+    armature.data.rigify_target_rig = earlier = armature.copy()
+    armature.data.rigify_rig_ui = bpy.data.texts.new("panel of the original")
+    target, before = pose_target(source, armature, {}, around=9, along=27)
+    keep_true_match(target, before)
+    made = bpy.data.objects[api.move_armature(bpy.context, armature, source, target).copy]
+    assert (made.data.rigify_target_rig, made.data.rigify_rig_ui) == (None, None)
+    assert armature.data.rigify_target_rig == earlier
+
+
 @pytest.fixture
 def rigify_rig(rigify):
     """The rig that Rigify generates from its basic human, and the bones that it was generated from."""
@@ -180,3 +191,24 @@ def test_rigify_rig_moves_to_another_build(rigify_rig):
     np.testing.assert_allclose(visible_positions(target), stood, atol=0.02)
     np.testing.assert_array_equal(mesh_data.read_rig_bones(rig).heads, heads)
     assert bpy.data.collections["WGTS_rig"].all_objects.keys() == shapes
+
+
+@pytest.mark.slow
+def test_a_moved_metarig_generates_a_rig_in_the_target(rigify):
+    bpy.ops.object.armature_basic_human_metarig_add()
+    plan = bpy.context.object
+    source = body_around(plan.data.bones)
+    target = posed_copy(source)
+    target.name = "Target"
+    target.data.transform(Matrix.Diagonal((1.1, 1.1, 0.8, 1)))
+    bpy.context.view_layer.update()
+    keep_true_match(target, positions(source.data))
+    made = bpy.data.objects[api.move_armature(bpy.context, plan, source, target).copy]
+    activate(made)
+    assert bpy.ops.pose.rigify_generate() == {"FINISHED"}
+    rig = made.data.rigify_target_rig
+    for bone in plan.data.bones:
+        if not bone.name.startswith(("pelvis", "breast", "heel")):
+            there = rig.data.bones[f"DEF-{bone.name}"].head_local
+            wanted = np.multiply(bone.head_local, (1.1, 1.1, 0.8))
+            np.testing.assert_allclose(there, wanted, atol=0.5 * THICK, err_msg=bone.name)

@@ -6,12 +6,15 @@ import bpy
 import numpy as np
 import pytest
 from character import POSE, character
-from scenes import activate, link, positions
+from scenes import activate, link, positions, visible_positions
+from scipy.spatial import cKDTree
 
 from blender_addon import mesh_data
+from blender_addon.adapters import Binding
 from blender_addon.services.matching.half_match import HalfResult
 from blender_addon.services.matching.match import match_objects
 from blender_addon.services.matching.use_candidate import use_candidate
+from blender_addon.services.transfer import bind_to_rig
 from blender_addon.storage import stored_candidates, stored_match
 
 
@@ -57,6 +60,21 @@ def test_half_is_matched_as_the_whole_and_keeps_its_part():
     assert listing.vertices.max() < count
     other = next(place for place in range(len(listing.candidates)) if place != listing.chosen)
     assert len(use_candidate(bpy.context, half, other).confidence) == count
+
+
+def test_bones_of_both_sides_pose_a_bound_half():
+    source, rig = character(levels=2)
+    half = half_of(source)
+    match_objects(bpy.context, source, half, detail="fast")
+    bind_to_rig(bpy.context, source, half, Binding(shape="keep_shape"))
+    assert [each.type for each in half.modifiers] == ["MIRROR", "ARMATURE", "SUBSURF"]
+    for name, angles in POSE.items():
+        rig.pose.bones[name].rotation_mode = "XYZ"
+        rig.pose.bones[name].rotation_euler = angles
+    bpy.context.view_layer.update()
+    seen, wanted = (visible_positions(each) for each in (half, source))
+    nearest = cKDTree(seen).query(wanted)[0]
+    assert np.quantile(nearest, 0.95) < 0.05
 
 
 def test_mirrored_surface_starts_with_vertices_of_the_mesh(target):

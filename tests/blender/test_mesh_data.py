@@ -168,7 +168,7 @@ def test_all_mesh_data_is_read_or_skipped_with_a_reason():
     assert read == {"UVMap", "sharp_face", "zoomout_speed", ".sculpt_mask", ".sculpt_face_set", "label"}
     assert set(skipped) == {"zoomout_confidence", ".pn.UVMap"}
     assert [marks.name for marks in mesh_data.read_marks(mesh)] == ["seams"]
-    assert mesh_data.read_custom_normals(source, mesh) is not None
+    assert mesh.has_custom_normals
     elsewhere = {"material_index", "uv_seam", ".uv_seam", "sharp_edge", "crease_edge", "custom_normal"}
     left = {attribute.name for attribute in mesh.attributes if not attribute.is_required}.difference(read, skipped)
     assert {name for name in left if not name.startswith((".select_", ".hide_", ".uv_select_"))} <= elsewhere

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from bent_tube import tube, weights_of
 from mathutils import Euler, Matrix
-from rigged import POSE, mesh_object, visible_positions
+from rigged import BUILD, POSE, in_target, mesh_object, other_build, visible_positions
 from rigged import coarse_pose_target as pose_target
 from rigged import coarse_source_and_rig as source_and_rig
 from scenes import activate, link, snapshot
@@ -18,19 +18,7 @@ from blender_addon.mesh_data import read_rig_bones
 from blender_addon.mesh_data.rigs.outfit_bones import edit_bones
 from blender_addon.services import transfer
 
-# The build of the target: longer and thinner.
-BUILD = np.array([0.8, 0.8, 1.5])
 PLACE = Matrix.LocRotScale((5, -3, 2), Euler((0.2, 0.6, 2.0)), (0.5, 0.5, 0.5))
-
-
-def other_build(place=None):
-    """A tube of another build and topology, somewhere, with its true match; and its vertices in its own space."""
-    still = tube(around=11, along=33, turned=0.4)
-    target = mesh_object("Target", still.with_vertices(still.vertices * BUILD))
-    target.matrix_world = place or Matrix()
-    bpy.context.view_layer.update()
-    keep_true_match(target, still.vertices)
-    return target, still.vertices * BUILD
 
 
 def match_anew(target, at_rest):
@@ -55,12 +43,6 @@ def add_bone(armature, name, head, tail, parent=None, **options):
     for option, value in options.items():
         setattr(bone, option, value)
     bpy.ops.object.mode_set(mode="OBJECT")
-
-
-def in_target(target, points):
-    """Points of the target's own space, in world space."""
-    matrix = np.array(target.matrix_world)
-    return points @ matrix[:3, :3].T + matrix[:3, 3]
 
 
 @pytest.mark.parametrize("place", [None, PLACE], ids=["in place", "elsewhere"])
@@ -145,6 +127,7 @@ def test_a_posed_target_is_taken_to_rest_at_its_own_size():
     report, made = move(source, target)
     assert report["bound"]["shape"] == "rest_pose"
     assert "Posed Shape" in target.data.shape_keys.key_blocks
+    assert any("If it was at rest, bind it with Target Pose set to At Rest." in note for note in report["notes"])
     bones = read_rig_bones(made)
     np.testing.assert_allclose(np.linalg.norm(bones.tails - bones.heads, axis=1), 4, rtol=0.03)
     edges = [np.linalg.norm(np.diff(points[:40], axis=0), axis=1) for points in (visible_positions(target), at_rest)]
@@ -355,6 +338,18 @@ def test_bones_can_be_edited_in_an_excluded_collection():
         bones["Upper"].tail.x += 1
     assert armature.data.bones["Upper"].tail_local.x == pytest.approx(1)
     assert armature.users_collection == (hidden,)
+
+
+def test_bones_that_move_nothing_are_noted():
+    source, _ = source_and_rig()
+    still = tube(around=11, along=33, turned=0.4)
+    faces = [face for face in still.triangles.tolist() if still.vertices[face, 2].max() < 2.5]  # below "Upper"
+    kept, corners = np.unique(faces, return_inverse=True)
+    target = mesh_object("Target", zo.Surface(still.vertices[kept] * BUILD, corners.reshape(-1, 3)))
+    keep_true_match(target, still.vertices[kept])
+    report, made = move(source, target, shape="keep_shape")
+    assert sum("1 of 3 joints, such as 'Upper', move nothing" in note for note in report["notes"]) == 1
+    assert read_rig_bones(made).heads[2, 2] > target.data.vertices[0].co.z  # beyond the part
 
 
 def test_a_failure_leaves_no_armature(monkeypatch):

@@ -21,11 +21,12 @@ import pytest
 
 import blender_addon
 import zoomout_core
-from blender_addon import operators, presets, translations
-from blender_addon.translations.catalogue import read_catalogue
+from blender_addon import operators, presets
 from blender_addon.ui import menus, panels, preferences
 from blender_addon.viewport import preview
 from zoomout_core.transfer.keys.key_table import CONVENTIONS
+from zoomout_core.translations import FOLDER, LANGUAGES, catalogue_of
+from zoomout_core.translations.catalogue import read_catalogue
 
 ADDON, CORE = (Path(package.__file__).parent for package in (blender_addon, zoomout_core))
 # The same in every language.
@@ -36,9 +37,11 @@ COMPLETE = ("de",)
 # The full stops of languages.
 FULL_STOPS = (".", "。")
 # Modules that print in English: the command lines, the demo, and functions for scripts.
-ELSEWHERE = ("cli", "demo", "translations", "api.py", "assets", "batch.py", "evaluation.py", "outfits")
-# Modules of these that the add-on runs.
-LODS = {CORE / "assets" / name for name in ("given_levels.py", "lods.py")}
+ELSEWHERE = ("cli", "demo", "translations", "api.py", "assets", "batch.py", "evaluation.py")
+# Modules of these that the add-on runs, or whose notes are on translated pages.
+TRANSLATED = {
+    CORE / "assets" / name for name in ("given_levels.py", "gltf/append.py", "gltf/convert_springs.py", "lods.py")
+}
 # Calls that make a Message of a template, or show text: all literals among their arguments are for the user.
 TEMPLATES = {
     "LandmarkError",
@@ -50,7 +53,7 @@ TEMPLATES = {
     "sentences",
     "warning",
 }
-SHOWING = {"Finding", "poll_message_set", "reported", "status_text_set", "translated"}
+SHOWING = {"Finding", "is_available", "poll_message_set", "reported", "status_text_set", "translated"}
 # Modules of the core whose stages and plain errors the add-on does not run into.
 OF_CORE = (
     "library",
@@ -113,7 +116,7 @@ def modules() -> list[tuple[Path, ast.Module]]:
         (path, ast.parse(path.read_text(encoding="utf-8")))
         for root in (ADDON, CORE)
         for path in sorted(root.rglob("*.py"))
-        if path.relative_to(root).parts[0] not in ELSEWHERE or path in LODS
+        if path.relative_to(root).parts[0] not in ELSEWHERE or path in TRANSLATED
     ]
 
 
@@ -195,28 +198,35 @@ def fields_of(text: str) -> list[tuple[str | None, str | None]]:
 
 @pytest.mark.parametrize("code", COMPLETE)
 def test_labels_and_tooltips_are_translated(code):
-    assert sorted((registered() | drawn()) - {""} - NAMES - translations.LANGUAGES[code].keys()) == []
+    assert sorted((registered() | drawn()) - {""} - NAMES - catalogue_of(code).keys()) == []
 
 
 @pytest.mark.parametrize("code", COMPLETE)
 def test_templates_are_translated(code):
-    assert sorted(templates() - translations.LANGUAGES[code].keys()) == []
+    assert sorted(templates() - catalogue_of(code).keys()) == []
 
 
 @pytest.mark.parametrize("code", COMPLETE)
 def test_sentences_without_values_are_translated(code):
-    assert sorted(shown() - translations.LANGUAGES[code].keys()) == []
+    assert sorted(shown() - catalogue_of(code).keys()) == []
 
 
-def test_dressing_is_translated_into_each_language():
-    """Texts of the panel, and sentences of the service."""
-    properties, services = ADDON / "properties/dress.py", ADDON / "services/dressing/read.py"
-    trees = {path: ast.parse(path.read_text(encoding="utf-8")) for path in (properties, services)}
-    texts = {text for path, tree in trees.items() for text in literals_of(tree)}
+@pytest.mark.parametrize("code", LANGUAGES)
+def test_dressing_is_translated_into_each_language(code):
+    """Texts of the panel, and sentences of the service and of the report."""
+    paths = [
+        ADDON / "properties/dress.py",
+        *(ADDON / "services/dressing").glob("*.py"),
+        ADDON / "services/outfits.py",
+        CORE / "matching/report/verdict.py",
+        CORE / "collection/picture_page.py",
+        *(CORE / "outfits").glob("*.py"),
+        *(CORE / "assets/gltf" / name for name in ("append.py", "convert_springs.py")),
+    ]
+    texts = {text for path, tree in modules() if path in paths for text in literals_of(tree)}
     wanted = (templates() | registered()) & texts - NAMES - {""}
-    assert len(wanted) > 20
-    for code, catalogue in translations.LANGUAGES.items():
-        assert sorted(wanted - catalogue.keys()) == [], code
+    assert len(wanted) > 50
+    assert sorted(wanted - catalogue_of(code).keys()) == []
 
 
 def test_counts_use_thousands_separators():
@@ -224,30 +234,30 @@ def test_counts_use_thousands_separators():
     assert list(filter(plain.search, templates())) == []
 
 
-@pytest.mark.parametrize("code", translations.LANGUAGES)
+@pytest.mark.parametrize("code", LANGUAGES)
 def test_no_translation_is_stale(code):
-    assert sorted(translations.LANGUAGES[code].keys() - registered() - literals()) == []
+    assert sorted(catalogue_of(code).keys() - registered() - literals()) == []
 
 
-@pytest.mark.parametrize("code", translations.LANGUAGES)
+@pytest.mark.parametrize("code", LANGUAGES)
 def test_translations_have_the_fields_of_the_english(code):
-    for english, text in translations.LANGUAGES[code].items():
+    for english, text in catalogue_of(code).items():
         assert fields_of(text) == fields_of(english), english
 
 
-@pytest.mark.parametrize("code", translations.LANGUAGES)
+@pytest.mark.parametrize("code", LANGUAGES)
 def test_translations_end_like_the_english(code):
-    for english, text in translations.LANGUAGES[code].items():
+    for english, text in catalogue_of(code).items():
         assert text.endswith(FULL_STOPS) == english.endswith(FULL_STOPS), (
             english
         )  # Blender adds the full stop to tooltips
 
 
-@pytest.mark.parametrize("code", translations.LANGUAGES)
+@pytest.mark.parametrize("code", LANGUAGES)
 def test_catalogues_are_valid_gettext_files(code):
-    path = Path(translations.__file__).parent / f"{code}.po"
+    path = FOLDER / f"{code}.po"
     content = path.read_text(encoding="utf-8")
-    assert content.count("\nmsgid ") == len(translations.LANGUAGES[code]) + 1  # the header
+    assert content.count("\nmsgid ") == len(catalogue_of(code)) + 1  # the header
     assert f'"Language: {code}\\n"' in content
     if which("msgfmt"):
         subprocess.run(["msgfmt", "--check", "--output-file=-", str(path)], check=True, capture_output=True)

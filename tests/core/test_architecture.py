@@ -4,16 +4,20 @@
 from __future__ import annotations
 
 import ast
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
 import zoomout_core
 
 CORE = Path(zoomout_core.__file__).parent
+DOCUMENT = (CORE.parent / "ARCHITECTURE.md").read_text(encoding="utf-8")
+PACKAGES = ("zoomout_core", "blender_addon", "meshlab_filter", "benchmarks", "tests", "docs")
 # Each may import those before it.
 LAYERS = (
     "arrays",
     "messages",
+    "translations",
     "tuning",
     "mesh",
     "geometry",
@@ -69,6 +73,52 @@ def allowed(layer: str, other: str) -> bool:
     if layer == "matching" and other in ("transfer", "assets"):
         return False
     return other == RUNTIME or (other in LAYERS and LAYERS.index(other) < LAYERS.index(layer))
+
+
+def rows_of_the_document() -> list[list[str]]:
+    """The names in each row of the table of the core's packages."""
+    table = DOCUMENT.split("| `zoomout_core/` | contents |")[1].split("\n\n")[0]
+    return [re.findall(r"`(\w+)/?`", line.split("|")[1]) for line in table.splitlines()[2:]]
+
+
+def test_the_document_lists_all_packages_in_the_order_of_their_imports() -> None:
+    row_of = {name: row for row, names in enumerate(rows_of_the_document()) for name in names}
+    modules = {path: path.relative_to(CORE).with_suffix("").parts[0] for path in CORE.rglob("*.py")}
+    assert set(row_of) == set(modules.values()) - {"__init__"}
+    wrong = [
+        f"{path.relative_to(CORE)} imports {module}"
+        for path, name in modules.items()
+        if name in row_of
+        for module in imports(path)
+        if row_of[module.split(".")[1]] > row_of[name]
+    ]
+    assert not wrong
+
+
+def find_path(path: str) -> list[Path]:
+    """The files and folders of the packages that a path, or the end of one, names."""
+    roots = [CORE.parent / package for package in PACKAGES]
+    found = [CORE.parent / path] + [each for root in roots for each in root.rglob(path.rstrip("/"))]
+    return [each for each in found if each.exists()]
+
+
+def test_paths_in_the_document_exist() -> None:
+    paths = {path for path in re.findall(r"`([\w./]+)`", DOCUMENT) if re.search(r"/|\.(py|md|po)$", path)}
+    assert len(paths) > 100
+    assert [path for path in sorted(paths) if not find_path(path)] == []
+
+
+def test_names_in_the_document_are_defined_in_the_files_that_it_says() -> None:
+    named = re.findall(r"`(\w+)` in `([\w/]+\.py)`", DOCUMENT)
+    assert len(named) > 10
+    wrong = [
+        f"{name} in {path}"
+        for name, path in named
+        if not any(
+            re.search(rf"(?m)^ *(async )?(def |class )?{name}\b", each.read_text("utf-8")) for each in find_path(path)
+        )
+    ]
+    assert not wrong
 
 
 def test_core_imports_neither_blender_nor_meshlab() -> None:

@@ -7,8 +7,11 @@ import struct
 import zlib
 
 import numpy as np
+import pytest
 
+from zoomout_core import drawing
 from zoomout_core.drawing import draw_triangles, encode_png
+from zoomout_core.samples.grids import grid_faces, triangles_of
 from zoomout_core.samples.spheres import ball
 
 WHITE, RED, BLUE = np.ones(3), np.array([1.0, 0, 0]), np.array([0, 0, 1.0])
@@ -25,6 +28,24 @@ def test_nearest_triangle_is_in_front_in_any_draw_order() -> None:
         assert red > 100
         assert blue == 0
         np.testing.assert_array_equal(picture[1, 18], [255, 255, 255])
+
+
+def test_narrow_triangles_stay_behind_what_is_in_front_of_them() -> None:
+    wall = np.array([[-40.0, -40, 1], [80, -40, 1], [-40, 80, 1]])
+    beside = 0.25 + 4e-7  # centres of pixels are at .25, see `SAMPLES`
+    narrow = np.array([[beside, 0, 0], [beside, 20, 0], [beside + 1e-8, 10, -1e6]])
+    points, triangles = np.vstack([wall, narrow]), np.arange(6).reshape(2, 3)
+    picture = draw_triangles(points, triangles, np.repeat([RED, BLUE], 3, axis=0), 20, 20, WHITE)
+    np.testing.assert_array_equal(picture[:, :, 2], 0)
+
+
+@pytest.mark.parametrize("block", [drawing.BLOCK, 50])
+def test_neighbours_leave_no_gap(block: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(drawing, "BLOCK", block)  # pixels are computed in blocks
+    u, v = np.meshgrid(np.linspace(-40, 40, 41), np.linspace(-40, 40, 41))  # corners are at centres of pixels
+    points = np.stack([u - v / 4, v + u / 4, 0 * u], axis=-1).reshape(-1, 3)
+    triangles = triangles_of(grid_faces(40, 40))
+    np.testing.assert_array_equal(draw_triangles(points, triangles, np.zeros_like(points), 20, 20, WHITE), 0)
 
 
 def test_a_ball_is_lit_from_the_upper_left_and_is_round() -> None:

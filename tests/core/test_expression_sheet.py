@@ -3,11 +3,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from zoomout_core import drawing
+from zoomout_core import drawing, expression_sheet
 from zoomout_core.arrays import Bytes, Floats
 from zoomout_core.expression_sheet import GAP, HEIGHT, LINE, WIDTH, Head, draw_sheet, face_axes
 from zoomout_core.samples.spheres import ball
@@ -102,3 +105,23 @@ def test_heads_without_common_or_without_moving_keys_are_drawn() -> None:
     source = Head(source.vertices, source.triangles, {"jawOpen": source.keys["jawOpen"]})
     for keys in ({}, {"other": target.keys["jawOpen"]}, {"jawOpen": 0 * target.keys["jawOpen"]}):
         assert draw_sheet(source, Head(target.vertices, target.triangles, keys), {}, blank).shape[2] == 3
+
+
+def test_only_what_a_key_changes_is_drawn_and_the_picture_is_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    source, drawn = head(), []
+
+    def draw_triangles(*arguments: Any) -> Bytes:
+        drawn.append(arguments[3] * arguments[4])
+        return drawing.draw_triangles(*arguments)
+
+    monkeypatch.setattr(expression_sheet, "draw_triangles", draw_triangles)
+    marks = {"browUp": np.linalg.norm(source.keys["jawOpen"], axis=1) > 0.1}  # not where it moves the head
+    at_rest, *pictures = tiles(draw_sheet(source, source, marks, blank))[: 1 + len(KEYS)]
+    assert drawn[:2] == [WIDTH * HEIGHT] * 2
+    assert 0 < min(drawn) < max(drawn[2:]) < WIDTH * HEIGHT
+    for (name, offsets), (_, left, right) in zip(source.keys.items(), pictures, strict=True):
+        moved = Head(source.vertices + offsets, source.triangles, {})
+        whole = replace(expression_sheet._View.of(source), head=moved)
+        np.testing.assert_array_equal(left, whole.at_rest)
+        np.testing.assert_array_equal(right, whole.draw("", marks.get(name)))
+    assert difference(at_rest[1], pictures[0][1]) > 0

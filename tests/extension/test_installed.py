@@ -101,7 +101,7 @@ def test_zip_contains_only_expected_files_and_no_forbidden_code():
     suffixes = {name.partition("/")[0] == "docs": set() for name in CONTENT}
     for name in CONTENT:
         suffixes[name.partition("/")[0] == "docs"].add(Path(name).suffix)
-    assert suffixes == {True: {".html", ".png"}, False: {".po", ".py", ".toml", ""}}
+    assert suffixes == {True: {".html", ".png"}, False: {".py", ".toml", ""}}
     assert [name for name in CONTENT if "." not in name] == ["LICENSE"]
     assert sorted(f"./{name}" for name in WHEELS) == MANIFEST["wheels"]
     assert not any(Path(name).name.startswith("numpy") for name in WHEELS)

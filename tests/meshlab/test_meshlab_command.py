@@ -17,7 +17,7 @@ from PIL import Image
 import zoomout_core
 from meshlab_filter.catalogue import CATALOGUE
 from meshlab_filter.commands import main
-from meshlab_filter.filters import common
+from meshlab_filter.filters import matches
 from zoomout_core.assets.asset import Asset, Material, material_numbers
 from zoomout_core.assets.files import write_asset
 from zoomout_core.matching.report.verdict import judge
@@ -73,7 +73,7 @@ def test_output_has_texture_coordinates_and_textures(files, tmp_path, name):
 
 
 def test_a_match_that_is_probably_wrong_is_written_only_by_force(files, tmp_path, monkeypatch):
-    monkeypatch.setattr(common, "notes_on_parts", lambda *_: (message("Parts."), warning("One is silent.")))
+    monkeypatch.setattr(matches, "notes_on_parts", lambda *_: (message("Parts."), warning("One is silent.")))
     monkeypatch.setattr(zoomout_core.MatchResult, "verdict", judge(0.1))
     folder, _ = files
     arguments = folder / "creature.ply", folder / "target.ply", "-o", tmp_path / "result.ply"

@@ -226,7 +226,7 @@ def from_srgb(colors: Floats) -> Floats:
 
 
 def to_srgb(colors: Floats) -> Floats:
-    """The inverse of `from_srgb`."""
+    """Linear colours (n, 3 or 4) in [0, 1] as sRGB, with alpha unchanged; the inverse of `from_srgb`."""
     values = np.array(colors, dtype=np.float64)
     rgb = np.clip(values[:, :3], 0, 1)
     values[:, :3] = np.where(rgb <= 0.0031308, 12.92 * rgb, 1.055 * rgb ** (1 / 2.4) - 0.055)

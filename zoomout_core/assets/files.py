@@ -20,8 +20,7 @@ from zoomout_core.assets.obj import read_obj, write_obj
 from zoomout_core.assets.ply import read_ply, write_ply
 from zoomout_core.mesh.formats.blender_files import ENDINGS as OF_BLENDER
 from zoomout_core.mesh.formats.compression.draco import library
-from zoomout_core.mesh.formats.files import read_surface
-from zoomout_core.mesh.formats.more_files import READERS as MORE_READERS
+from zoomout_core.mesh.formats.files import OPTIONAL_READERS, read_surface
 from zoomout_core.mesh.formats.named_files import named_files
 from zoomout_core.mesh.formats.opening import existing, explain_damage
 from zoomout_core.mesh.memory import memory_in_words
@@ -38,7 +37,7 @@ COMPRESSIBLE = (".glb", ".gltf")
 AVATAR = ".vrm"
 
 # Extensions of mesh files; other files in a folder are skipped.
-MESHES = (*READERS, ".off", ".stl", ".dae", ".3mf", *MORE_READERS, *OF_BLENDER)
+MESHES = (*READERS, ".off", ".stl", ".dae", ".3mf", *OPTIONAL_READERS, *OF_BLENDER)
 
 
 @memory_in_words

@@ -29,6 +29,7 @@ from zoomout_core.transfer.blend import Blend, mask_of
 from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.rigging.motion import MotionCheck, note_on_motions
 from zoomout_core.transfer.rigging.rest_pose import REST, align, find_pose
+from zoomout_core.transfer.rigging.rig import note_on_idle_joints
 from zoomout_core.transfer.rigging.skinning import skinning_matrices
 from zoomout_core.transfer.rigging.unpose import Rest, unpose
 from zoomout_core.transfer.rules import Match, map_target, transfer_along
@@ -143,6 +144,7 @@ def transfer_asset(
         asset = replace(asset, skin=own, document=document, nodes=(), look=look)
         notes += found
         if move_rig:
+            notes += note_on_idle_joints(skin.names, skin.weights, own.weights)
             motions = check_rig(source, asset, at_rest.surface_map)
             notes += note_on_motions(motions)
     advance(1.0)
@@ -275,7 +277,7 @@ def _bind(
             rest = unpose(target, matrices, pose.scale, posed.mapped.confidence)
             notes.append(
                 f"The target was in a different pose, with its joints rotated by {pose.bend:.0f}° on average, and "
-                "was moved to the rest pose."
+                "was moved to the rest pose. If it was at rest, transfer again with --shape keep-shape."
             )
     return replace(skin, rest=rest.positions, linear=rest.linear, weights=weights), at_rest, notes
 

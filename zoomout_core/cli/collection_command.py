@@ -24,7 +24,8 @@ from zoomout_core.cli.transfer_command import check_kinds, check_moved_rig, chec
 from zoomout_core.collection.carried import CARRIED, Carried
 from zoomout_core.collection.carry import carry
 from zoomout_core.collection.collection import CollectionResult, match_collection
-from zoomout_core.collection.engine import Engine, InThisProcess, has_dask, local_engine, remote_engine
+from zoomout_core.collection.dask_engine import has_dask, local_engine, remote_engine
+from zoomout_core.collection.engine import Engine, InThisProcess
 from zoomout_core.collection.pairs import read_pairs
 from zoomout_core.collection.pictures import draw
 from zoomout_core.collection.report import PAGE, REPORT, figures_of_collection, lines_of_collection, write_reports

@@ -13,7 +13,7 @@ import click
 from zoomout_core.assets.files import check_compression
 from zoomout_core.batch import FAILED, PARTLY
 from zoomout_core.cli.report import json_option
-from zoomout_core.collection.engine import has_dask, local_engine
+from zoomout_core.collection.dask_engine import has_dask, local_engine
 from zoomout_core.collection.report import PAGE
 from zoomout_core.command_options import compress_option, detail_options, progress_bar, tell
 from zoomout_core.matching.options import MatchOptions
@@ -22,6 +22,7 @@ from zoomout_core.outfits.command import dress_files, find_avatars
 from zoomout_core.outfits.gltf_files import ENDINGS, GltfFiles
 from zoomout_core.outfits.report import figures_of_outfits, lines_of_outfits
 from zoomout_core.runtime.threads import usable_cores
+from zoomout_core.translations import ENGLISH, LANGUAGES, user_locale
 
 
 @click.command()
@@ -61,6 +62,11 @@ from zoomout_core.runtime.threads import usable_cores
 @click.option(
     "--resume/--restart", default=True, show_default=True, help="Resume from existing results, or recompute everything."
 )
+@click.option(
+    "--language",
+    type=click.Choice((ENGLISH, *LANGUAGES)),
+    help="Language of report.html (default: that of the system, if it is one of these).",
+)
 @click.option("--force", is_flag=True, help="Write an avatar even if its match is probably wrong.")
 @compress_option
 @json_option
@@ -75,6 +81,7 @@ def outfits(
     gap: float,
     workers: int | None,
     resume: bool,
+    language: str | None,
     force: bool,
     compression: str | None,
     as_json: bool,
@@ -100,8 +107,9 @@ def outfits(
         check_compression("avatar.glb", compression)
         options = MatchOptions(**resolve_detail(**accuracy))
         with local_engine(workers, 0) as engine, progress_bar():
+            locale = user_locale() if language is None else language
             files = GltfFiles(body, keep, stiffness, gap, force, compression)
-            result = dress_files(dressed, naked, output, files, options, engine, resume=resume)
+            result = dress_files(dressed, naked, output, files, options, engine, resume=resume, locale=locale)
     except (ValueError, OSError, ImportError) as error:
         raise click.ClickException(str(error)) from None
     if as_json:

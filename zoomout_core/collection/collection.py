@@ -133,7 +133,7 @@ def match_collection(
         pairs: sources and targets by their names, or "all".
         neighbours: number of shapes with similar spectra to match each shape with; all shapes are connected.
         options: options of every match, without landmarks or an initial map.
-        engine: runs the tasks, see `collection.engine.local_engine`; None for this process.
+        engine: runs the tasks, see `collection.dask_engine.local_engine`; None for this process.
         cache: folder of prepared shapes.
         agree: whether to choose candidates that agree with each other.
         carries: whether Blender reads all shapes, so that it can transfer data between them. It always reads .blend and
@@ -160,32 +160,23 @@ def match_collection(
         raise ValueError("Landmarks, regions and initial maps belong to a single pair: match that pair on its own.")
     temporary = tempfile.TemporaryDirectory(prefix="zoomout-") if folder is None else None
     place = Path(temporary.name if temporary is not None else folder or "")
-    paths = _as_files(shapes, place / "given")
-    if template is not None and Path(template).is_file() and not any(is_same_file(path, template) for path in paths):
-        paths.insert(0, Path(template))
-    items = {item.name: item for item in items_of(paths)}
-    if len(items) < 2:
-        raise MeshError("A collection needs at least two shapes: add more.")
+    items = _items_of(shapes, template, place)
     template_name = None if template is None else _find_template(template, items)
-    wanted = _chosen_pairs(template_name, pairs, items)
+    chosen = _chosen_pairs(template_name, pairs, items)
     engine = InThisProcess() if engine is None else engine
     with listening(progress):
         with portion(0.0, READ):
             readable, failures = read_items(items, place, template_name, carries, blender, engine)
-        if wanted is not None:
-            wanted = [pair for pair in wanted if not failures.keys() & set(pair)]
         run = _Run(readable, place, options, engine, cache)
         run.failures |= failures
-        first = PREPARED if wanted is None else MATCHED
-        with portion(READ, first):
-            run.match(dict.fromkeys(wanted or ()), "Matching" if wanted else "Preparing", readable)
-        with portion(first, COMPARED):
-            if wanted is None:
-                assert neighbours is not None
-                spectra = {name: run.prepared[name].eigenvalues for name in items if name in run.prepared}
-                run.match(dict.fromkeys(pairs_of_neighbours(spectra, neighbours)))
-            elif template is not None and agree:
-                run.match(dict.fromkeys(run.uncertain_pairs()))
+        if chosen is None:
+            assert neighbours is not None
+            run.match_neighbours(neighbours)
+        else:
+            run.match_chosen([pair for pair in chosen if not failures.keys() & set(pair)])
+            if template is not None and agree:
+                with portion(MATCHED, COMPARED):
+                    run.match(dict.fromkeys(run.uncertain_pairs()))
         agreement = run.agreement() if agree else None
         if agreement is not None:
             with portion(COMPARED, 1.0):
@@ -200,6 +191,23 @@ def match_collection(
         run.matched,
         temporary,
     )
+
+
+def _items_of(
+    shapes: Sequence[ShapeLike] | Mapping[str, ShapeLike], template: str | PathLike[str] | None, place: Path
+) -> dict[str, Item]:
+    """The shapes of a collection by name, and its template if that is another file.
+
+    Raises:
+        MeshError: there are fewer than two.
+    """
+    paths = _as_files(shapes, place / "given")
+    if template is not None and Path(template).is_file() and not any(is_same_file(path, template) for path in paths):
+        paths.insert(0, Path(template))
+    items = {item.name: item for item in items_of(paths)}
+    if len(items) < 2:
+        raise MeshError("A collection needs at least two shapes: add more.")
+    return items
 
 
 def _as_files(shapes: Sequence[ShapeLike] | Mapping[str, ShapeLike], folder: Path) -> list[Path]:
@@ -279,6 +287,19 @@ class _Run:
         results = self.folder if self._shared else None
         kept = None if cache is None else Path(cache).absolute()
         self._place = Workplace(results, kept, options, uuid4().hex[:12])
+
+    def match_chosen(self, pairs: Sequence[PairName]) -> None:
+        """Prepare all shapes, and match pairs."""
+        with portion(READ, MATCHED):
+            self.match(dict.fromkeys(pairs), "Matching" if pairs else "Preparing", self.items)
+
+    def match_neighbours(self, count: int) -> None:
+        """Prepare all shapes, and match each with a number of shapes that have similar spectra."""
+        with portion(READ, PREPARED):
+            self.match({}, "Preparing", self.items)
+        with portion(PREPARED, COMPARED):
+            spectra = {name: self.prepared[name].eigenvalues for name in self.items if name in self.prepared}
+            self.match(dict.fromkeys(pairs_of_neighbours(spectra, count)))
 
     def match(
         self,

@@ -15,9 +15,11 @@ from zoomout_core.library.descriptor import Descriptor, describe
 from zoomout_core.matching.components.bodies import BODIES
 from zoomout_core.matching.components.hulls import hull_of, main_part_coverage
 from zoomout_core.matching.options import MatchOptions
+from zoomout_core.matching.partial.incomplete_shape import INCOMPLETE
 from zoomout_core.matching.preparation.prepare import prepare_shape
 from zoomout_core.matching.preparation.proxy import make_proxy
 from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.triangles import border_edges
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.runtime.progress import stage
 from zoomout_core.runtime.threads import for_each
@@ -93,3 +95,13 @@ def _body(part: WorkingMesh) -> Body:
     size = options.k_final, options.samples, options.seed, options.proxy_vertices
     shape = prepare_shape(small.working.part(0)[0], *size, ahead=())
     return Body(small.vertices, small.triangles, describe(shape))
+
+
+def may_be_part(bodies: Mapping[str, Body]) -> bool:
+    """Whether the borders of a character are so long that it may be a part, such as a bust."""
+    body = bodies.get(MAIN_PART)
+    if body is None:
+        return False
+    begin, end = body.vertices[border_edges(body.triangles)].swapaxes(0, 1)
+    length = np.linalg.norm(end - begin, axis=1).sum()
+    return bool(length > INCOMPLETE.fragment * np.sqrt(body.surface.area))

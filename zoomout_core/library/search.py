@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from zoomout_core.library.bodies import Body, bodies_of, match_options
+from zoomout_core.library.bodies import Body, bodies_of, match_options, may_be_part
 from zoomout_core.library.descriptor import Difference, compare
 from zoomout_core.library.parts import FoundPart, find_part
 from zoomout_core.matching.pipeline import match
@@ -17,7 +17,7 @@ from zoomout_core.matching.ranking.scores import SCORES
 from zoomout_core.matching.result import MatchResult
 from zoomout_core.mesh.formats.blender_files import split_asset
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.messages import Message, message, probability
+from zoomout_core.messages import Message, message, probability, sentences
 from zoomout_core.runtime.progress import portion, stage
 from zoomout_core.runtime.summary import Summary
 from zoomout_core.tuning import Tuning, tuned
@@ -25,6 +25,12 @@ from zoomout_core.tuning import Tuning, tuned
 NOTHING_FITS = (
     "Nothing in the library fits: the nearest asset is '{name}', but {reason}. Add an asset like the target, or choose "
     "a source by hand."
+)
+# Added if the target may be a part. Parts are not searched for: a bust is matched with a similar body (93 % certain),
+# but not with a stylised one (under 1 %), and each asset that does not fit takes about 20 seconds of processor time.
+ONLY_A_PART = (
+    "The search compares whole characters: if the target is only a part, such as a bust, choose a whole character as "
+    "the source by hand."
 )
 NO_ASSETS = "The library has no assets: add files of finished characters, and prepare it again."
 # The reason why the nearest asset does not fit, by its largest difference.
@@ -173,7 +179,10 @@ def search(target: Surface, assets: Sequence[LibraryAsset], compare: int | None 
         found.append(((not source.fits, source.misfit + TIE * each.overall), source))
     ranked = tuple(source for _, source in sorted(found, key=lambda pair: pair[0]))
     nearest_path = ranked[0].path if ranked else nearest.path
-    return FoundSources(ranked, nearest_path, _refusal(ranked, nearest), find_part(ranked))
+    refusal = _refusal(ranked, nearest)
+    if refusal and may_be_part(bodies):
+        refusal = sentences(refusal, message(ONLY_A_PART))
+    return FoundSources(ranked, nearest_path, refusal, find_part(ranked))
 
 
 @dataclass(frozen=True, eq=False)

@@ -176,7 +176,11 @@ def commutativity_error(functional_map: Floats, eigenvalues_source: Floats, eige
 
 
 def frequency_error(functional_map: Floats, eigenvalues_source: Floats, eigenvalues_target: Floats) -> float:
-    """Mean difference of the frequencies (square roots of eigenvalues) that C couples, relative to the highest."""
+    """Mean difference of the frequencies that C couples, relative to the highest; 0 for an isometry.
+
+    A frequency is the square root of an eigenvalue. C has shape (k_target, k_source); of more eigenvalues, the first
+    k count.
+    """
     k_target, k_source = functional_map.shape
     source, target = np.sqrt(eigenvalues_source[:k_source]), np.sqrt(eigenvalues_target[:k_target])
     coupled = np.abs(target[:, None] - source) * np.abs(functional_map)
@@ -184,7 +188,7 @@ def frequency_error(functional_map: Floats, eigenvalues_source: Floats, eigenval
 
 
 def orthonormality_error(functional_map: Floats) -> float:
-    """ZoomOut's energy: the sum over k of ||C_k' C_k - I||^2 / k over the leading square blocks.
+    """ZoomOut's energy of C (k_target, k_source): the sum of ||C_k' C_k - I||^2 / k over its leading k x k blocks.
 
     Example:
         >>> zo.orthonormality_error(np.eye(10))

@@ -2,7 +2,7 @@
 """The options of a match, one row each: the command line, Blender, MeshLab and `docs/options.md` are made from these.
 
 A row whose name is a field of `MatchOptions` needs nothing else. Each interface turns rows into its own kind of option:
-`command_options.py`, `blender_addon/properties/option_property.py` and `meshlab_filter/filters/common.py`.
+`command_options.py`, `blender_addon/properties/option_property.py` and `meshlab_filter/filters/match_parameters.py`.
 """
 
 from __future__ import annotations

@@ -125,6 +125,7 @@ def _are_pairs(landmarks: object) -> bool:
 
 
 def check_sizes(k_final: int, step: int, samples: int, proxy_vertices: int | Literal["auto"] | None) -> None:
+    """Raise a ValueError if an option of a match is not a whole number, or below its minimum."""
     for name, value, least in (
         ("k_final", k_final, SMALLEST_FINAL),
         ("step", step, 1),

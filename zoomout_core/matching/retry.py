@@ -26,7 +26,12 @@ from zoomout_core.matching.partial.part_match import (
     units_differ,
 )
 from zoomout_core.matching.partial.region import REGION, is_small
-from zoomout_core.matching.partial.unknown_scale import UNKNOWN_SCALE, match_at_unknown_scale, times_as_large
+from zoomout_core.matching.partial.unknown_scale import (
+    UNKNOWN_SCALE,
+    match_at_unknown_scale,
+    times_as_large,
+    unit_fits,
+)
 from zoomout_core.matching.ranking.finished_maps import rank_finished
 from zoomout_core.matching.ranking.rank import CERTAINTY, Candidate, rank, with_others
 from zoomout_core.matching.ranking.rotational_symmetry import certainty_but_for_turns, with_turned
@@ -63,7 +68,7 @@ def retry(first: Attempt, known: Constraints, options: MatchOptions) -> Attempt:
 def attempt_part(whole: Attempt, known: Constraints) -> Attempt:
     """Match one shape as a part of the other; returns the given attempt unless the part match is more certain.
 
-    The units of the files are tried first, unless they are known to differ; other scales follow if no map is likely.
+    The units of the files are tried first, unless they are known to differ. Other scales follow unless the part fits.
     """
     upright = known.upright and are_fragments(whole.pair)
     known = replace(known, upright=False)  # a limb may point anywhere
@@ -74,6 +79,8 @@ def attempt_part(whole: Attempt, known: Constraints) -> Attempt:
             given = [places_of(one, pair) for one in _maps_of_fragments(whole)]
             candidates = match_part(pair, known.disagreement(pair), given, upright)
         best = _as_part(whole, pair, candidates, PART_MATCH.likely)
+        if unit_fits(candidates):
+            return best
     certainty = best.candidates[0].certainty
     enough = UNKNOWN_SCALE.certain if best is whole else UNKNOWN_SCALE.enough
     if certainty >= enough or (best is not whole and are_fragments(whole.pair)):

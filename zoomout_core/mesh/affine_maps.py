@@ -20,7 +20,7 @@ def transform_points(matrices: Floats, points: Floats) -> Floats:
 
 
 def normalise(weights: csr_array) -> csr_array:
-    """Normalise weights to sum to one, or be zero, at each vertex, in double precision."""
+    """Weights (n, b) of bones as float64, scaled to sum to one at each vertex; vertices without weights keep none."""
     shares = csr_array(weights.astype(np.float64))  # a copy
     sums = np.asarray(shares.sum(axis=1)).ravel()
     shares.data /= np.repeat(np.where(sums > 0, sums, 1), np.diff(shares.indptr))

@@ -9,7 +9,7 @@ import numpy as np
 
 from zoomout_core.arrays import Floats
 from zoomout_core.mesh.formats.files import polygons_of_scene
-from zoomout_core.mesh.formats.more_files import faces_of_meshio
+from zoomout_core.mesh.formats.meshio_files import faces_of_meshio
 from zoomout_core.mesh.surface import PointCloud, Surface
 
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from functools import reduce
 from typing import NamedTuple
 
 import numpy as np
@@ -140,3 +141,15 @@ def signed_areas(corners: Floats) -> Floats:
     """(m,) twice the areas of triangles in the plane with corners (m, 3, 2); negative for clockwise ones."""
     first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     return np.asarray(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0])
+
+
+def at_any(chosen: Booleans, triangles: Integers) -> Booleans:
+    """A mask (m,) of the triangles (m, 3) with a corner among some vertices (n,)."""
+    return np.asarray(reduce(np.logical_or, [chosen[corner] for corner in triangles.T]))
+
+
+def widen(chosen: Booleans, triangles: Integers) -> Booleans:
+    """A mask (n,) of some vertices (n,), and of those that share a triangle (m, 3) with them."""
+    wider = chosen.copy()
+    wider[triangles[at_any(chosen, triangles)]] = True
+    return wider

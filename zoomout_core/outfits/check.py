@@ -76,7 +76,9 @@ class CheckedOutfit:
             (posed > MAX_INSIDE_POSED, message(INSIDE_POSED, share=posed)),
         )
         found = next((sentence for is_present, sentence in cases if is_present), None)
-        return Verdict(GREEN, message("The clothes fit."), "") if found is None else Verdict(AMBER, found, LOOK)
+        return (
+            Verdict(GREEN, message("The clothes fit."), "") if found is None else Verdict(AMBER, found, message(LOOK))
+        )
 
 
 def check_outfit(source: Surface, worn: Surface, dressed: DressedAvatar, target: Asset) -> CheckedOutfit:

@@ -26,6 +26,7 @@ from zoomout_core.outfits.batch import (
 )
 from zoomout_core.outfits.report import write_reports
 from zoomout_core.runtime.outputs import check_inputs_outside, check_output
+from zoomout_core.translations import language_of
 
 # Folder in the results that is deleted at the end.
 CACHE = "cache"
@@ -59,6 +60,7 @@ def dress_files(
     engine: Engine | None = None,
     *,
     resume: bool = True,
+    locale: str = "",
 ) -> OutfitsResult:
     """Dress avatars, see `dress_all`, and write the reports.
 
@@ -70,6 +72,7 @@ def dress_files(
         options: options of every match.
         engine: runs the tasks; None for this process.
         resume: whether to reuse results of an earlier run.
+        locale: locale whose language the page is in, such as "ja_JP"; English if there is no translation.
 
     Raises:
         MeshError: no outfit can be put on any avatar.
@@ -80,5 +83,5 @@ def dress_files(
                 made.unlink()
     result = dress_all(outfits, avatars, output, files, options, cache=output / CACHE, engine=engine)
     remove_shapes(output / CACHE)
-    write_reports(result)
+    write_reports(result, language_of(locale))
     return result

@@ -199,11 +199,10 @@ def _symmetry(pair: Pair, candidate: Candidate, left: Floats) -> Symmetry:
     """Extend a candidate on samples to a symmetry of the whole surface."""
     shape = pair.source_shape
     order = order_of(candidate.sample_map, shape)
-    how = candidate.mirrored, pair.k_final, pair.step, REFINEMENT.onto_itself
 
     def forwards() -> tuple[Fit, Floats]:
         with portion(0.0, 0.6):
-            refined, functional_map = refine(shape, shape, candidate.functional_map, None, *how)
+            refined, functional_map = _refine(candidate.functional_map, pair, candidate.mirrored)
         with portion(0.6, 1.0):
             fit = fit_nonrigid(refined, shape, shape, candidate.mirrored)
             return fit, functional_map_by(fit.surface_map, shape, shape, functional_map.shape)
@@ -214,10 +213,16 @@ def _symmetry(pair: Pair, candidate: Candidate, left: Floats) -> Symmetry:
             back = fit.surface_map
         else:
             (fit, functional_map), (back, _) = side_by_side(
-                forwards, lambda: refine(shape, shape, candidate.reverse_functional_map, None, *how)
+                forwards, lambda: _refine(candidate.reverse_functional_map, pair, candidate.mirrored)
             )
     with portion(0.7, 1.0):
         return _finish(pair, candidate, fit, back, functional_map, order, left)
+
+
+def _refine(functional_map: Floats, pair: Pair, mirrored: bool) -> tuple[SurfaceMap, Floats]:
+    """Refine the map of a shape onto itself at all vertices, from its functional map (k, k)."""
+    shape = pair.source_shape
+    return refine(shape, shape, functional_map, None, mirrored, pair.k_final, pair.step, REFINEMENT.onto_itself)
 
 
 def _finish(

@@ -18,11 +18,6 @@ CUSTOM_NORMAL = "custom_normal"
 ENCODED = "INT16_2D"
 
 
-def read_custom_normals(obj: Object, mesh: Mesh) -> Attribute | None:
-    """The corner normals of a mesh in world space, if it has custom ones."""
-    return read_normals(obj, mesh) if mesh.has_custom_normals else None
-
-
 def read_normals(obj: Object, mesh: Mesh) -> Attribute:
     """The corner normals of a mesh in world space, as displayed."""
     own = read_own_normals(mesh)

@@ -201,14 +201,15 @@ def _parent_for(source: Object) -> Object:
 
 
 def _place_of_modifiers(source: Object, target: Object) -> int:
-    """The index for the source's armature modifiers: after modifiers of types that precede them on the source."""
-    before: set[str] = set()
-    for modifier in source.modifiers:
-        if modifier.type == "ARMATURE":
-            break
-        before.add(modifier.type)
-    if not armature_modifiers(source):
-        return 0
+    """The index for the source's armature modifiers: after modifiers of types that precede them on the source.
+
+    If the source has no Mirror, they come after the target's: before it, the mirrored half would repeat the pose of the
+    other half.
+    """
+    types = [modifier.type for modifier in source.modifiers]
+    before = set(types[: types.index("ARMATURE")] if armature_modifiers(source) else ())
+    if "MIRROR" not in types:
+        before.add("MIRROR")
     behind = [number for number, modifier in enumerate(target.modifiers) if modifier.type in before]
     return max(behind, default=-1) + 1
 

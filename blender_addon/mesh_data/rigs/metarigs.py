@@ -30,7 +30,19 @@ def copy_metarig(
         motion: (4, 4) the similarity from the place of the metarig to that of the copy.
     """
     made = copy_rig(context, metarig, beside, bones, motion)
-    made.data.rigify_target_rig = rig
-    # Or it would overwrite the custom shapes and the panel of the original rig.
-    made.data.rigify_widgets_collection = made.data.rigify_rig_ui = None
+    _generate_into(made, rig)
     return made
+
+
+def copy_loose_rig(context: Context, armature: Object, beside: Object, bones: RigBones, motion: Floats) -> Object:
+    """`copy_rig` of an armature that may be a metarig, which then generates a new rig."""
+    made = copy_rig(context, armature, beside, bones, motion)
+    if hasattr(made.data, "rigify_target_rig"):
+        _generate_into(made, None)
+    return made
+
+
+def _generate_into(metarig: Object, rig: Object | None) -> None:
+    metarig.data.rigify_target_rig = rig
+    # Or it would overwrite the custom shapes and the panel of the original rig.
+    metarig.data.rigify_widgets_collection = metarig.data.rigify_rig_ui = None

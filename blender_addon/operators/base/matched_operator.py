@@ -6,7 +6,7 @@ from __future__ import annotations
 from bpy.types import Context
 
 from ...storage import stored_match
-from ...translations import translated
+from .availability import is_available
 from .modal_operator import ModalOperator
 
 
@@ -18,7 +18,5 @@ class MatchedOperator(ModalOperator):
         """Whether the active object was matched."""
         if not super().poll(context):
             return False
-        if stored_match.PROPERTY not in context.active_object.data:
-            cls.poll_message_set(translated("Match this mesh first"))
-            return False
-        return True
+        is_matched = stored_match.PROPERTY in context.active_object.data
+        return is_available(cls, "" if is_matched else "Match this mesh first")

@@ -23,6 +23,7 @@ from ...services.targets import Outcome
 from ...translations import reported, translated
 from ...viewport import preview
 from . import activity, modes, prepare_ahead, running_operators
+from .availability import is_available
 
 # Seconds of work between two events; the piece of work then running may take up to 0.1 seconds more.
 SLICE = 0.05
@@ -60,10 +61,7 @@ class ModalOperator(Operator):
     @classmethod
     def poll(cls, context: Context) -> bool:
         """Whether the active object can receive data."""
-        reason = activity.AT_WORK if activity.running else obstacle(context)
-        if reason:
-            cls.poll_message_set(translated(reason))
-        return not reason
+        return is_available(cls, activity.AT_WORK if activity.running else obstacle(context))
 
     @property
     def adds_undo_steps(self) -> bool:

@@ -9,6 +9,7 @@ from bpy.types import Context, Event, Operator, Timer
 
 from ...translations import reported, translated
 from . import running_operators
+from .availability import is_available
 
 # Seconds between two steps.
 STEP = 0.04
@@ -52,10 +53,7 @@ class PlayOperator(Operator):
     @classmethod
     def poll(cls, context: Context) -> bool:
         """Whether something can be played."""
-        reason = cls.obstacle(context)
-        if reason:
-            cls.poll_message_set(translated(reason).removesuffix("."))
-        return not reason
+        return is_available(cls, cls.obstacle(context))
 
     def invoke(self, context: Context, event: Event) -> set[str]:
         """Start to play."""

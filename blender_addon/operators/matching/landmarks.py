@@ -24,8 +24,9 @@ from ...scene.selection import participants
 from ...services.face_landmarks import set_face_landmarks
 from ...services.matching.landmark_import import import_landmarks
 from ...services.matching.propose_partners import propose_partners
-from ...translations import reported, translated
+from ...translations import reported
 from ..base import modes
+from ..base.availability import is_available
 
 # A selection of more vertices is probably not meant to set landmarks one by one.
 MAX_SELECTED = 64
@@ -39,10 +40,7 @@ class LandmarkOperator(Operator):
     @classmethod
     def poll(cls, context: Context) -> bool:
         """Whether there are objects for landmarks."""
-        reason = obstacle(context)
-        if reason:
-            cls.poll_message_set(translated(reason).removesuffix("."))
-        return not reason
+        return is_available(cls, obstacle(context))
 
     def change(self, context: Context, objects: list[Object]) -> str:
         """Change the landmarks on the source, which is the first object, and the targets; returns a report."""
@@ -74,10 +72,8 @@ class ZOOMOUT_OT_landmarks_from_selected(LandmarkOperator):
     @classmethod
     def poll(cls, context: Context) -> bool:
         """Whether vertices of objects for landmarks can be selected."""
-        if context.mode != "EDIT_MESH":
-            cls.poll_message_set(translated("Switch to Edit Mode"))
-            return False
-        return super().poll(context)
+        is_editing = context.mode == "EDIT_MESH"
+        return is_available(cls, "" if is_editing else "Switch to Edit Mode") and super().poll(context)
 
     def execute(self, context: Context) -> set[str]:
         """Read the selection before leaving Edit Mode."""
@@ -149,10 +145,8 @@ class ZOOMOUT_OT_remove_landmark(LandmarkOperator):
     def poll(cls, context: Context) -> bool:
         """Whether a landmark is chosen."""
         settings = context.scene.zoomout
-        if settings.active_landmark >= len(settings.landmarks):
-            cls.poll_message_set(translated("Choose a landmark in the list"))
-            return False
-        return super().poll(context)
+        is_chosen = settings.active_landmark < len(settings.landmarks)
+        return is_available(cls, "" if is_chosen else "Choose a landmark in the list") and super().poll(context)
 
     def change(self, context: Context, objects: list[Object]) -> str:
         """Remove the chosen landmark."""

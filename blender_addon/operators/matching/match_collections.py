@@ -11,8 +11,8 @@ from ...scene.selection import select_only
 from ...services.matching.collection_match import match_collections_async
 from ...services.transfer import and_others
 from ...storage import stored_match
-from ...translations import translated
 from ..base import activity
+from ..base.availability import is_available
 from ..base.modal_operator import ModalOperator
 
 
@@ -33,9 +33,7 @@ class ZOOMOUT_OT_match_collections(ModalOperator):
             reason = activity.AT_WORK
         elif settings.source_collection is None or settings.target_collection is None:
             reason = "Choose both collections in the sidebar"
-        if reason:
-            cls.poll_message_set(translated(reason))
-        return not reason
+        return is_available(cls, reason)
 
     async def work(self, context: Context) -> str:
         settings = context.scene.zoomout

@@ -27,6 +27,7 @@ from ...services.matching.propose_partners import propose_partners
 from ...translations import reported, translated
 from ...viewport.landmark_dots import dot_at, dots
 from ..base import modes, running_operators
+from ..base.availability import is_available
 
 
 class Pointed(NamedTuple):
@@ -50,10 +51,7 @@ class ZOOMOUT_OT_place_landmarks(Operator):
     @classmethod
     def poll(cls, context: Context) -> bool:
         """Whether there are objects to click on."""
-        reason = obstacle(context)
-        if reason:
-            cls.poll_message_set(translated(reason).removesuffix("."))
-        return not reason
+        return is_available(cls, obstacle(context))
 
     def invoke(self, context: Context, event: Event) -> set[str]:
         """Start to follow the mouse."""

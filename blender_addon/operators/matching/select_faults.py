@@ -14,7 +14,7 @@ from ...services.matching.select_faults import (
     select_stretched,
     stretched_vertices,
 )
-from ...translations import translated
+from ..base.availability import is_available
 from ..base.matched_operator import MatchedOperator
 from ..base.modal_operator import ModalOperator
 
@@ -81,10 +81,8 @@ class ZOOMOUT_OT_select_stretched(ModalOperator):
         """Whether the active object was bound."""
         if not super().poll(context):
             return False
-        if stretched_vertices(context.active_object) is None:
-            cls.poll_message_set(translated("Bind this mesh to a rig first"))
-            return False
-        return True
+        is_bound = stretched_vertices(context.active_object) is not None
+        return is_available(cls, "" if is_bound else "Bind this mesh to a rig first")
 
     async def work(self, context: Context) -> str:
         result = select_stretched(context, context.active_object)

@@ -6,7 +6,7 @@ from __future__ import annotations
 from bpy.types import Context
 
 from ...storage import stored_symmetry
-from ...translations import translated
+from ..base.availability import is_available
 from ..base.modal_operator import ModalOperator
 
 
@@ -18,7 +18,5 @@ class SymmetryOperator(ModalOperator):
         """Whether the active object is a mesh whose symmetry is known."""
         if not super().poll(context):
             return False
-        if stored_symmetry.PROPERTY not in context.active_object.data:
-            cls.poll_message_set(translated("Detect the symmetry of this mesh first"))
-            return False
-        return True
+        is_known = stored_symmetry.PROPERTY in context.active_object.data
+        return is_available(cls, "" if is_known else "Detect the symmetry of this mesh first")

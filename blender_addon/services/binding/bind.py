@@ -6,6 +6,7 @@ The armature and its animation are not changed. For a target of another build, a
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -18,9 +19,10 @@ from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.messages import Message, message, warning
 from zoomout_core.runtime.progress import portion, stage
 from zoomout_core.transfer import map_target
+from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.rigging.poses import distinct_poses, extreme_poses, poses_about
 from zoomout_core.transfer.rigging.rest_pose import PosedTarget, align, find_pose
-from zoomout_core.transfer.rigging.rig import follow_longer_bones, joints_of_bones
+from zoomout_core.transfer.rigging.rig import follow_longer_bones, joints_of_bones, note_on_idle_joints
 from zoomout_core.transfer.rigging.skinning import skinning_matrices
 from zoomout_core.transfer.rigging.stretch import check_weights
 from zoomout_core.transfer.rigging.unpose import Rest, unpose
@@ -30,7 +32,7 @@ from ...adapters import Binding, TransferJob
 from ...adapters.shape_keys import ShapeKeyAdapter
 from ...adapters.vertex_groups import WeightAdapter
 from ...jobs import compute
-from ...mesh_data import RigBones
+from ...mesh_data import ObjectPair, RigBones
 from ...mesh_data.matrices import transform_points
 from ...scene.pair import find_mesh
 from ...storage import stored_match
@@ -82,6 +84,19 @@ class MovedRig:
     metarig: MovedRig | None = None
 
 
+@dataclass(frozen=True, eq=False)
+class _NamedBones:
+    """The bones of an armature, by its name."""
+
+    name: str
+    bones: RigBones
+
+    def heads_of(self, names: Sequence[str]) -> Floats:
+        """(b, 3) heads of bones, by name."""
+        own = list(self.bones.names)
+        return self.bones.heads[[own.index(name) for name in names]]
+
+
 async def prepare_binding(
     context: Context, job: TransferJob, weights: WeightAdapter, keys: ShapeKeyAdapter | None, binding: Binding
 ) -> Bound:
@@ -103,18 +118,46 @@ async def prepare_binding(
     posed, job = await compute(partial(_pose, job, rigged, weights))
     own = weights_of_target(context, pair, rigged.bones, weights.weights)
     keeps_shape = binding.shape == "keep_shape" or (binding.shape == "automatic" and posed.pose.is_rest)
-    notes = []
     if keeps_shape:
         rest = align(pair.target, posed.pose)
     else:
         with stage("Unposing", TAKING, KEYS):
             rest = await compute(partial(_at_rest, pair.target, posed, own, rigged))
+    notes = _notes_on_rest(pair.target_name, None if keeps_shape else posed.pose.bend, rest)
+    if keys is not None:
+        with portion(KEYS, CHECKING):
+            await compute(partial(keys.transfer_to_rest, job, rest))
+    heads = rigged.bones.heads
+    rigs: list[_NamedBones] = []
+    if binding.move_rig:
+        rigs, on_constraints = await _move_rigs(context, pair, posed, rigged, rest)
+        notes += on_constraints
+        notes += note_on_idle_joints(rigged.bones.names, rigged.weights, own)
+        heads = rigs[0].heads_of(rigged.bones.names)
+    with stage("Playing the rig", MOVED, 1):
+        stretched, of_check = await compute(partial(_check_weights, job, posed, rigged, rest, own, weights, heads))
+    rig = None
+    if rigs:
+        motion = _motion(posed, pair.target, rest)
+        rig = _take_back(rigs, motion)
+        rest = Rest(transform_points(motion, rest.positions), motion[:3, :3] @ rest.linear, rest.smoothed)
+        if keys is not None:
+            keys.turn(motion[:3, :3])
+    shape = "keep_shape" if keeps_shape else "rest_pose"
+    return Bound(shape, pair.target.vertices, rest, (*notes, *of_check), stretched, rig)
+
+
+def _notes_on_rest(target: str, bend: float | None, rest: Rest) -> list[Message]:
+    """Notes on the rest pose of a target, by its name, whose bones were rotated by `bend` degrees; None if kept."""
+    notes = []
+    if bend is not None:
         notes.append(
             message(
                 "'{target}' was in a different pose, with its bones rotated by {angle:.0f}° on average, "
-                "and was moved to Rest Position. Its shape key '{key}' keeps the original shape.",
-                target=pair.target_name,
-                angle=posed.pose.bend,
+                "and was moved to Rest Position. Its shape key '{key}' keeps the original shape. If it was at rest, "
+                "bind it with Target Pose set to At Rest.",
+                target=target,
+                angle=bend,
                 key=POSED_SHAPE,
             )
         )
@@ -124,34 +167,7 @@ async def prepare_binding(
                 "Rest pose: {count:,} vertices were moved with their neighbors, to avoid tears.", count=rest.smoothed
             )
         )
-    if keys is not None:
-        with portion(KEYS, CHECKING):
-            await compute(partial(keys.transfer_to_rest, job, rest))
-    moved, rig = rigged.bones.heads, None
-    if binding.move_rig:
-        (armature,) = mesh_data.armatures_of(find_mesh(context, pair.source_name))
-        rigs = [armature, *filter(None, [mesh_data.metarig_of(context, armature)])]
-        names, of_rigs = [each.name for each in rigs], [mesh_data.read_rig_bones(each) for each in rigs]
-        notes += _note_on_constraints(armature)
-        with stage("Moving the rig", CHECKING, MOVED):
-            at_rest = pair.target.with_vertices(rest.positions)
-            move = partial(_move_bones, posed=posed, rest=rigged.rest, target=at_rest)
-            of_rigs = [await compute(partial(move, each)) for each in of_rigs]
-        bones = of_rigs[0]
-        moved = bones.heads[[bones.names.index(each) for each in rigged.bones.names]]
-    with stage("Playing the rig", MOVED, 1):
-        stretched, of_check = await compute(partial(_check_weights, job, posed, rigged, rest, own, weights, moved))
-    if binding.move_rig:
-        motion = _motion(posed, pair.target, rest)
-        moved_rigs = [
-            MovedRig(name, _move_as_a_whole(each, motion), motion) for name, each in zip(names, of_rigs, strict=True)
-        ]
-        rig = replace(moved_rigs[0], metarig=moved_rigs[1] if len(moved_rigs) > 1 else None)
-        rest = Rest(transform_points(motion, rest.positions), motion[:3, :3] @ rest.linear, rest.smoothed)
-        if keys is not None:
-            keys.turn(motion[:3, :3])
-    shape = "keep_shape" if keeps_shape else "rest_pose"
-    return Bound(shape, pair.target.vertices, rest, (*notes, *of_check), stretched, rig)
+    return notes
 
 
 def _pose(job: TransferJob, rigged: Rigged, weights: WeightAdapter) -> tuple[PosedTarget, TransferJob]:
@@ -176,10 +192,24 @@ def _at_rest(target: zo.Surface, posed: PosedTarget, weights: csr_array, rigged:
     return unpose(target, matrices, posed.pose.scale, posed.mapped.confidence)
 
 
-def _move_bones(bones: RigBones, posed: PosedTarget, rest: zo.Surface, target: zo.Surface) -> RigBones:
-    """The bones of a rig in the target at rest, at the place and size of the source at rest."""
+async def _move_rigs(
+    context: Context, pair: ObjectPair, posed: PosedTarget, rigged: Rigged, rest: Rest
+) -> tuple[list[_NamedBones], list[Message]]:
+    """The source's armature, and its metarig if it has one, in the target at rest; and notes on them."""
+    (armature,) = mesh_data.armatures_of(find_mesh(context, pair.source_name))
+    rigs = [armature, *filter(None, [mesh_data.metarig_of(context, armature)])]
+    named = [_NamedBones(each.name, mesh_data.read_rig_bones(each)) for each in rigs]
+    notes = note_on_constraints(armature)
+    with stage("Moving the rig", CHECKING, MOVED):
+        at_rest = pair.target.with_vertices(rest.positions)
+        move = partial(move_bones, mapped=posed.mapped, rest=rigged.rest, target=at_rest)
+        return [replace(each, bones=await compute(partial(move, each.bones))) for each in named], notes
+
+
+def move_bones(bones: RigBones, mapped: MappedTarget, rest: zo.Surface, target: zo.Surface) -> RigBones:
+    """The bones of a rig inside a source, moved into a mapped target in the same pose, in world space."""
     joints, parents = joints_of_bones(bones.heads, bones.tails, bones.parents)
-    moved = zo.move_rig(posed.mapped, rest, target, joints, parents)
+    moved = zo.move_rig(mapped, rest, target, joints, parents)
     heads, tails = np.split(moved.positions, 2)
     rotations = moved.rotations[: len(heads)]
     heads, tails, rotations = follow_longer_bones(bones.heads, bones.tails, heads, tails, rotations)
@@ -195,12 +225,17 @@ def _motion(posed: PosedTarget, target: zo.Surface, rest: Rest) -> Floats:
     return motion
 
 
-def _move_as_a_whole(bones: RigBones, motion: Floats) -> RigBones:
-    heads, tails = (transform_points(motion, each) for each in (bones.heads, bones.tails))
-    return replace(bones, heads=heads, tails=tails, upright=bones.upright @ motion[:3, :3].T)
+def _take_back(rigs: list[_NamedBones], motion: Floats) -> MovedRig:
+    """An armature, and its metarig if given, after a motion (4, 4) of the target at rest."""
+    moved = []
+    for name, bones in ((each.name, each.bones) for each in rigs):
+        heads, tails = (transform_points(motion, points) for points in (bones.heads, bones.tails))
+        bones = replace(bones, heads=heads, tails=tails, upright=bones.upright @ motion[:3, :3].T)
+        moved.append(MovedRig(name, bones, motion))
+    return replace(moved[0], metarig=moved[1] if len(moved) > 1 else None)
 
 
-def _note_on_constraints(armature: Object) -> list[Message]:
+def note_on_constraints(armature: Object) -> list[Message]:
     """A warning about constraints that depend on the rest position of the original."""
     names = mesh_data.child_of_constraints(armature)
     if not names:

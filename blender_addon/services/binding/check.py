@@ -24,6 +24,12 @@ def check_binding(context: Context, source_name: str, target_name: str, binding:
         settings: how to transfer its weights.
     """
     source, target = find_mesh(context, source_name), find_mesh(context, target_name)
+    if binding.move_rig and not moves_vertices(source):
+        raise zo.MeshError(
+            "No bone weights of '{source}' belong to an armature: choose a source that an armature deforms, or select "
+            "the armature inside it as well, such as a metarig, to move it alone.",
+            source=source.name,
+        )
     _check_rig(source)
     if binding.move_rig:
         _check_movable(source, target)
@@ -74,13 +80,18 @@ def _check_rig(source: Object) -> None:
         raise zo.MeshError(
             "'{source}' has no Armature modifier: choose a source that an armature deforms.", source=source.name
         )
-    if not mesh_data.deforming_bones(source) & {group.name for group in source.vertex_groups}:
+    if not moves_vertices(source):
         raise zo.MeshError(
             "No deform bone of {armatures} is named like a vertex group of '{source}': add bone "
             "weights to the source first.",
             armatures=armature_names(source),
             source=source.name,
         )
+
+
+def moves_vertices(source: Object) -> bool:
+    """Whether an object has vertex groups of bones of its armatures."""
+    return bool(mesh_data.deforming_bones(source) & {group.name for group in source.vertex_groups})
 
 
 def _check_movable(source: Object, target: Object) -> None:
@@ -93,19 +104,24 @@ def _check_movable(source: Object, target: Object) -> None:
             source=source.name,
             armatures=armature_names(source),
         )
-    if first.mode == "EDIT":
-        raise zo.MeshError("'{armature}' is in Edit Mode: leave it first.", armature=first.name)
-    if mesh_data.moves_by_itself(first):
-        raise zo.MeshError(
-            "The location, rotation or scale of '{armature}' is animated, so a copy of it would not stay at the "
-            "target: animate its root bone instead, or clear that animation.",
-            armature=first.name,
-        )
+    check_armature(first)
     if mesh_data.worn_copies(target):
         raise zo.MeshError(
             "'{target}' wears copies of clothes, which would stay on the source's rig: move the rig first, and dress "
             "the target then.",
             target=target.name,
+        )
+
+
+def check_armature(armature: Object) -> None:
+    """Raise a MeshError if an armature cannot be copied to another place."""
+    if armature.mode == "EDIT":
+        raise zo.MeshError("'{armature}' is in Edit Mode: leave it first.", armature=armature.name)
+    if mesh_data.moves_by_itself(armature):
+        raise zo.MeshError(
+            "The location, rotation or scale of '{armature}' is animated, so a copy of it would not stay at the "
+            "target: animate its root bone instead, or clear that animation.",
+            armature=armature.name,
         )
 
 

@@ -18,7 +18,6 @@ from zoomout_core.messages import Message, message, plural
 from zoomout_core.runtime.progress import portion
 from zoomout_core.transfer import Attribute, Domain, Kind, map_target
 from zoomout_core.transfer.rigging.bone_pairs import Skeleton
-from zoomout_core.transfer.rigging.rig import follow_longer_bones, joints_of_bones
 from zoomout_core.transfer.rigging.shared_bones import SharedBones, share_bones
 from zoomout_core.transfer.rigging.skinning import renumber_bones
 from zoomout_core.transfer.rules import transfer_along
@@ -31,6 +30,7 @@ from ...scene.stored_pair import stored_pair
 from ...storage.stored_match import Match
 from ..constraints import check_options
 from ..matching.made_match import BY_SCRIPT, MatchUse, find_match, push_match, store_and_stop
+from .bind import move_bones
 from .read import Rigged, read_rigged, weights_of_bones
 
 # Fraction of the progress for a new match.
@@ -224,14 +224,10 @@ def _prepare(match: Match, pair: ObjectPair, rigged: Rigged, part: _Part) -> tup
             target=pair.target_name,
             bone=twice,
         )
-    rig = part.rig
-    joints, above = joints_of_bones(rig.heads, rig.tails, rig.parents)
-    moved = zo.move_rig(replace(mapped, source=rigged.rest, target=part.rest), rigged.rest, part.rest, joints, above)
-    heads, tails = np.split(moved.positions, 2)
-    ends = follow_longer_bones(rig.heads, rig.tails, heads, tails, moved.rotations[: len(heads)])
-    chosen = [rig.names.index(name) for name in names]
-    heads, tails, rotations = (each[chosen] for each in ends)
-    upright = np.einsum("bxy,by->bx", rotations, rig.upright[chosen])
+    at_rest = replace(mapped, source=rigged.rest, target=part.rest)
+    moved = move_bones(part.rig, at_rest, rigged.rest, part.rest)
+    chosen = [moved.names.index(name) for name in names]
+    heads, tails, upright = (each[chosen] for each in (moved.heads, moved.tails, moved.upright))
     wearers = (pair.target_name,) * len(names)
     return shared, OutfitBones(names, parents, np.stack([heads, tails], axis=1), upright, wearers, part.bones.names)
 

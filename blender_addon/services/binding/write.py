@@ -40,7 +40,7 @@ def write_bound(context: Context, pair: ObjectPair, bound: Bound) -> list[Messag
     notes = _redirect_drivers(target, read)
     if armature is None or bound.rig is None:
         return notes
-    notes += _note_on_bends(mesh_data.bends_at_rest(original, armature))
+    notes += note_on_bends(mesh_data.bends_at_rest(original, armature))
     return notes + _copy_metarig(context, armature, target, bound.rig.metarig)
 
 
@@ -82,7 +82,7 @@ def write_posed_shape(target: Object, bound: Bound) -> None:
         mesh_data.write_shape(target, POSED_SHAPE, mesh_data.positions_in_object(target, bound.seen))
 
 
-def _note_on_bends(turned: Mapping[str, float]) -> list[Message]:
+def note_on_bends(turned: Mapping[str, float]) -> list[Message]:
     """A warning about bones that do not fit the constraints of a moved rig."""
     if not turned:
         return []

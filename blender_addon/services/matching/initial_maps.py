@@ -26,30 +26,13 @@ def same_order(pair: ObjectPair) -> StoredMatch:
         MeshError: the meshes differ in the number of vertices, or share too few edges.
     """
     source, target = pair.source, pair.target
-    if len(source.vertices) != len(target.vertices):
-        raise zo.MeshError(
-            "'{source}' has {source_vertices:,} vertices but '{target}' has {target_vertices:,}, so "
-            "their vertex order differs: choose another method.",
-            source=pair.source_name,
-            source_vertices=len(source.vertices),
-            target=pair.target_name,
-            target_vertices=len(target.vertices),
+    shared = _share_of_edges(pair)
+    notes = []
+    if shared < 1:
+        notes.append(
+            message("{share:.1%} of the target's edges connect different vertices on the source.", share=1 - shared)
         )
     count = len(target.vertices)
-    shared = np.isin(_number_edges(target.edges, count), _number_edges(source.edges, count)).mean()
-    if shared < SHARED_EDGES:
-        raise zo.MeshError(
-            "'{source}' and '{target}' share only {share:.0%} of their edges, so their vertex order "
-            "differs: choose another method.",
-            source=pair.source_name,
-            target=pair.target_name,
-            share=shared,
-        )
-    notes = (
-        []
-        if shared == 1
-        else [message("{share:.1%} of the target's edges connect different vertices on the source.", share=1 - shared)]
-    )
     of_faces = np.zeros(count, dtype=bool)
     of_faces[source.triangles] = True
     loose = np.flatnonzero(~of_faces)
@@ -68,6 +51,35 @@ def same_order(pair: ObjectPair) -> StoredMatch:
     return StoredMatch(surface_map, of_faces.astype(float), tuple(notes))
 
 
+def _share_of_edges(pair: ObjectPair) -> float:
+    """The part of the target's edges, in [0, 1], that connect vertices of the same numbers as on the source.
+
+    Raises:
+        MeshError: the meshes differ in the number of vertices, or share too few edges.
+    """
+    source, target = pair.source, pair.target
+    count = len(target.vertices)
+    if len(source.vertices) != count:
+        raise zo.MeshError(
+            "'{source}' has {source_vertices:,} vertices but '{target}' has {target_vertices:,}, so "
+            "their vertex order differs: choose another method.",
+            source=pair.source_name,
+            source_vertices=len(source.vertices),
+            target=pair.target_name,
+            target_vertices=count,
+        )
+    shared = float(np.isin(_number_edges(target.edges, count), _number_edges(source.edges, count)).mean())
+    if shared < SHARED_EDGES:
+        raise zo.MeshError(
+            "'{source}' and '{target}' share only {share:.0%} of their edges, so their vertex order "
+            "differs: choose another method.",
+            source=pair.source_name,
+            target=pair.target_name,
+            share=shared,
+        )
+    return shared
+
+
 def map_of_file(pair: ObjectPair, path: str) -> Integers:
     """The source vertex (n_t,) of each target vertex, from a file that `zoomout match` wrote for these meshes.
 
@@ -77,9 +89,10 @@ def map_of_file(pair: ObjectPair, path: str) -> Integers:
     if not path:
         raise zo.MeshError("The map file is missing: choose a map.npz written by `zoomout match`.")
     vertex = read_vertex_map(bpy.path.abspath(path))
-    whole = vertex.ndim == 1 and vertex.dtype.kind in "iu"
-    least = int(vertex.max(initial=-1)) + 1 if whole else 0
-    if not whole or len(vertex) != len(pair.target.vertices) or least > len(pair.source.vertices) or vertex.min() < 0:
+    are_numbers = vertex.ndim == 1 and vertex.dtype.kind in "iu"
+    least = int(vertex.max(initial=-1)) + 1 if are_numbers else 0
+    fits = are_numbers and len(vertex) == len(pair.target.vertices) and least <= len(pair.source.vertices)
+    if not fits or vertex.min() < 0:
         raise zo.MeshError(
             "{path} maps {vertices:,} vertices to a mesh of at least {least:,}, but '{target}' has "
             "{target_vertices:,} and '{source}' has {source_vertices:,}: choose the file of these two "

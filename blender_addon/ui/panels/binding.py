@@ -29,8 +29,10 @@ class ZOOMOUT_PT_binding(SidebarPanel, Panel):
             self.layout.prop(context.scene.zoomout, name)
         source = likely_source(context) if context.active_object else None
         row = self.layout.row(align=True)
-        row.enabled = source is not None and bool(armatures_of(source))
-        row.operator(ZOOMOUT_OT_bind_to_rig.bl_idname, icon="ARMATURE_DATA")
+        row.enabled = source is not None
+        bind = row.row(align=True)
+        bind.enabled = source is not None and bool(armatures_of(source))
+        bind.operator(ZOOMOUT_OT_bind_to_rig.bl_idname, icon="ARMATURE_DATA")
         row.operator(ZOOMOUT_OT_move_rig.bl_idname, icon="OUTLINER_OB_ARMATURE")
 
 

@@ -65,30 +65,8 @@ class ZOOMOUT_PT_landmarks(SidebarPanel, Panel):
             )
         else:
             layout.operator(ZOOMOUT_OT_place_landmarks.bl_idname, text="Place", icon="CURSOR")
-        pair = _pair(context)
-        row = layout.row()
-        row.template_list(ZOOMOUT_UL_landmarks.__name__, "", settings, "landmarks", settings, "active_landmark", rows=4)
-        column = row.column(align=True)
-        column.operator(ZOOMOUT_OT_confirm_landmarks.bl_idname, text="", icon="CHECKMARK")
-        column.operator(ZOOMOUT_OT_remove_landmark.bl_idname, text="", icon="REMOVE")
-        column.operator(ZOOMOUT_OT_clear_landmarks.bl_idname, text="", icon="X")
-        column.separator()
-        column.prop(settings, "show_landmarks", text="", icon="HIDE_OFF" if settings.show_landmarks else "HIDE_ON")
-        if len(pair) == 2:
-            on = [set(surface_points_on(context.scene, obj)) for obj in pair]
-            both = len(on[0] & on[1])
-            sentences(
-                context,
-                layout,
-                [
-                    message(
-                        "{landmarks} on both; the marks are for '{source}' and '{target}'",
-                        landmarks=both,
-                        source=pair[0].name,
-                        target=pair[1].name,
-                    )
-                ],
-            )
+        _draw_list(layout, settings)
+        _draw_count(context, layout)
         layout.operator(ZOOMOUT_OT_bend_match.bl_idname, text="Bend Match", icon="MOD_SIMPLEDEFORM")
         layout.operator(ZOOMOUT_OT_face_landmarks.bl_idname, icon="USER")
         row = layout.row(align=True)
@@ -96,6 +74,31 @@ class ZOOMOUT_PT_landmarks(SidebarPanel, Panel):
         row.operator(ZOOMOUT_OT_import_landmarks.bl_idname, text="Groups").what = "GROUPS"
         row.operator(ZOOMOUT_OT_import_landmarks.bl_idname, text="Empties").what = "EMPTIES"
         layout.prop(settings, "exact_landmarks")
+
+
+def _draw_list(layout: UILayout, settings: Any) -> None:
+    """The list of landmarks, and buttons beside it."""
+    row = layout.row()
+    row.template_list(ZOOMOUT_UL_landmarks.__name__, "", settings, "landmarks", settings, "active_landmark", rows=4)
+    column = row.column(align=True)
+    column.operator(ZOOMOUT_OT_confirm_landmarks.bl_idname, text="", icon="CHECKMARK")
+    column.operator(ZOOMOUT_OT_remove_landmark.bl_idname, text="", icon="REMOVE")
+    column.operator(ZOOMOUT_OT_clear_landmarks.bl_idname, text="", icon="X")
+    column.separator()
+    column.prop(settings, "show_landmarks", text="", icon="HIDE_OFF" if settings.show_landmarks else "HIDE_ON")
+
+
+def _draw_count(context: Context, layout: UILayout) -> None:
+    """The number of landmarks that both objects have, once both are selected."""
+    pair = _pair(context)
+    if len(pair) < 2:
+        return
+    on = [set(surface_points_on(context.scene, obj)) for obj in pair]
+    names = {"source": pair[0].name, "target": pair[1].name}
+    text = message(
+        "{landmarks} on both; the marks are for '{source}' and '{target}'", landmarks=len(on[0] & on[1]), **names
+    )
+    sentences(context, layout, [text])
 
 
 def _pair(context: Context) -> list[Any]:

@@ -408,6 +408,22 @@ def test_given_meshes_take_data_of_their_side_of_a_thin_sheet() -> None:
     assert (np.asarray(found.values) == up).mean() > 0.95
 
 
+def test_given_meshes_may_have_spikes_but_no_limb_elsewhere() -> None:
+    """Blender's Decimate tears meshes whose edges are split at hard normals and UV seams."""
+    body = creature(2000).surface
+    extent = np.ptp(body.vertices, axis=0).max()
+    normals = vertex_normals(body.vertices, body.triangles)[body.triangles]
+    corners = body.vertices[body.triangles]
+    corners[::3, 0] += 0.06 * extent * normals[::3, 0]
+    torn = Asset(zo.Surface(corners.reshape(-1, 3), np.arange(corners.size // 3).reshape(-1, 3)))
+    level = complete_levels(Asset(body), {"torn": torn})["torn"].asset
+    np.testing.assert_array_equal(level.surface.vertices, torn.surface.vertices)
+    tip = body.vertices[:, 0] > np.quantile(body.vertices[:, 0], 0.95)
+    moved = Asset(body.with_vertices(body.vertices + 0.2 * extent * tip[:, None] * [1.0, 0, 0]))
+    with pytest.raises(zo.MeshError, match="is not in the place and rest pose"):
+        complete_levels(Asset(body), {"moved": moved})
+
+
 def test_layers_of_given_meshes_take_data_of_their_layers() -> None:
     """A fifth of the vertices of the outer one of two layers are closer to the inner one, as in coarse meshes."""
     inner = creature(2000).surface

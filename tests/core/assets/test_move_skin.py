@@ -20,7 +20,7 @@ from zoomout_core.assets.gltf.move_skin import CUBIC
 from zoomout_core.assets.transfer_asset import transfer_asset
 from zoomout_core.mesh.affine_maps import blend_matrices, transform_points
 from zoomout_core.mesh.formats.gltf_document import VRM_0, Document
-from zoomout_core.mesh.surface import MeshError
+from zoomout_core.mesh.surface import MeshError, Surface
 
 # The proportions of the target: longer and thinner.
 BUILD = np.array([0.8, 1.5, 0.8])
@@ -178,6 +178,17 @@ def test_skin_without_a_document_can_be_moved(source: Asset) -> None:
     match = match_at_rest(source, made.vertices / SCALE)
     moved = transfer_asset(alone, Asset(made.with_vertices(made.vertices * BUILD)), match, move_rig=True).asset
     np.testing.assert_allclose(heights_of_joints(moved), [0, 0.5 * 1.5 * LENGTH], atol=0.03 * LENGTH)
+
+
+@pytest.mark.parametrize(("share", "idle"), [(1.0, 0), (0.2, 1)], ids=["whole", "part"])
+def test_joints_that_move_nothing_in_a_part_are_noted(source: Asset, share: float, idle: int) -> None:
+    made = finer_tube()
+    below = made.vertices[made.triangles][:, :, 1].max(axis=1) <= share * LENGTH
+    kept, corners = np.unique(made.triangles[below], return_inverse=True)
+    part = Surface(made.vertices[kept] * BUILD, corners.reshape(-1, 3))
+    match = match_at_rest(source, made.vertices[kept] / SCALE)
+    notes = transfer_asset(source, Asset(part), match, move_rig=True).notes
+    assert sum("1 of 2 joints, such as 'Upper', move nothing" in note for note in notes) == idle
 
 
 def test_a_source_without_joints_is_refused(source: Asset) -> None:

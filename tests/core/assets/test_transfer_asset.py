@@ -84,7 +84,7 @@ def test_limbs_in_another_pose_are_weighted_by_area() -> None:
     assert limbs.mean() < 0.1 < target.share_of_area(limbs)
     match = match_at_rest(source, made.surface.vertices)
     carried = transfer_asset(source, Asset(target), match, ("weights",))
-    assert "moved to the rest pose" in " ".join(carried.notes)
+    assert "moved to the rest pose. If it was at rest, transfer again with --shape" in " ".join(carried.notes)
 
 
 def test_target_keeps_data_of_other_kinds(tmp_path: Path) -> None:

@@ -13,18 +13,10 @@ import numpy as np
 import pytest
 from creatures import creature
 
-from zoomout_core.collection import engine as engine_module
+from zoomout_core.collection import dask_engine
 from zoomout_core.collection.collection import match_collection
-from zoomout_core.collection.engine import (
-    Engine,
-    Failure,
-    InThisProcess,
-    OnDask,
-    Task,
-    local_engine,
-    remote_engine,
-    run_tasks,
-)
+from zoomout_core.collection.dask_engine import OnDask, local_engine, remote_engine
+from zoomout_core.collection.engine import Engine, Failure, InThisProcess, Task, run_tasks
 from zoomout_core.collection.tasks import place_of_map
 from zoomout_core.mesh.formats.files import write_shape
 from zoomout_core.mesh.memory import NotEnoughMemoryError
@@ -146,7 +138,7 @@ def test_dask_runs_the_same_tasks(cluster: Engine, tmp_path: Path) -> None:
 
 
 def test_cluster_receives_a_few_tasks_at_a_time(cluster: Engine, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(engine_module, "MAX_UNDER_WAY", 3)
+    monkeypatch.setattr(dask_engine, "MAX_UNDER_WAY", 3)
     parts = [Task(f"part {number}", add, (number,)) for number in range(10)]
     sums = [Task(f"sum {i}", add, (), (f"part {i}", f"part {(i + 1) % 10}")) for i in range(10)]
     found = results(cluster, [*parts, *sums, Task("all", add, (), tuple(task.key for task in sums))])
@@ -190,7 +182,7 @@ def test_cluster_checks_whether_workers_see_files(cluster: Engine, tmp_path: Pat
 
 def test_missing_scheduler_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed")
-    monkeypatch.setattr(engine_module, "CONNECTING", 0.5)
+    monkeypatch.setattr(dask_engine, "CONNECTING", 0.5)
     with pytest.raises(ConnectionError, match="check the address"), remote_engine("tcp://127.0.0.1:9", retries=0):
         pass
 

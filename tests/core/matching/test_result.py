@@ -80,7 +80,26 @@ def test_part_cut_off_by_tears_is_reported_as_torn(result: zo.MatchResult, monke
     np.testing.assert_allclose(found.confidence, connected * result.confidence)
     np.testing.assert_array_equal(found.torn, upper)
     assert found.faults.torn == pytest.approx(share)
-    assert found.certainty == pytest.approx(result.certainty * (1 - share))
+    certainty = min(result.candidates[0].certainty, VERDICT.torn_certainty)
+    assert found.certainty == pytest.approx(certainty * result.placed * (1 - share))
+
+
+@pytest.mark.parametrize(("share", "doubted"), [(0.08, True), (0.03, False)])
+def test_a_map_of_which_tears_cut_off_a_limb_is_never_certain(
+    result: zo.MatchResult, monkeypatch: pytest.MonkeyPatch, share: float, doubted: bool
+) -> None:
+    sure = replace(result, candidates=(replace(result.candidates[0], certainty=0.99), *result.candidates[1:]))
+    areas = result.target.vertex_areas
+    limb = np.cumsum(areas) <= share * areas.sum()
+    cut_off = Repair(result.surface_map, np.zeros_like(limb), np.zeros_like(limb), np.where(limb, 0.1, 1.0))
+    monkeypatch.setattr("zoomout_core.matching.result.repair", lambda *_: cut_off)
+    monkeypatch.setattr("zoomout_core.matching.result.is_closed", lambda _: False)
+    found = sure.use(0)
+    off = result.target.share_of_area(limb)
+    assert found.candidates[0].certainty == pytest.approx(VERDICT.torn_certainty if doubted else 0.99)
+    assert found.certainty == pytest.approx(found.candidates[0].certainty * (1 - off))
+    assert found.verdict.level == AMBER
+    assert "tears apart" in found.verdict.sentence
 
 
 @pytest.mark.parametrize(
@@ -101,7 +120,7 @@ def test_a_torn_map_of_closed_shapes_is_never_certain(
     assert found.candidates[1:] == sure.candidates[1:]
 
 
-@pytest.mark.parametrize(("confidence", "is_lost"), [(0.07, True), (0.13, False)])
+@pytest.mark.parametrize(("confidence", "is_lost"), [(0.07, True), (0.13, True), (0.17, False)])
 def test_certainty_decreases_with_loose_parts_of_unknown_place(
     monkeypatch: pytest.MonkeyPatch, confidence: float, is_lost: bool
 ) -> None:

@@ -45,10 +45,10 @@ def dressed(unit: float = 1.0) -> Dressed:
     return carry(body, body.vertices, body, [sleeve])
 
 
-def depth(sleeve: np.ndarray, of_sleeve: csr_array) -> float:
+def depth(sleeve: np.ndarray, of_sleeve: csr_array, poses: np.ndarray = POSES) -> float:
     """The mean depth in the skin of the sleeve's vertices, over the poses."""
     inside = []
-    for pose in POSES:
+    for pose in poses:
         skin = transform_points(blend_matrices(pose, RIG.weights), BODY.vertices)
         off = SidedSurface(skin, BODY.triangles).sides(transform_points(blend_matrices(pose, of_sleeve), sleeve))[0]
         inside.append(np.maximum(-off, 0).mean())
@@ -67,6 +67,20 @@ def test_cloth_is_displaced_where_the_skin_comes_through_in_poses(unit: float) -
     assert SidedSurface(BODY.vertices, BODY.triangles).sides(sleeve)[0].min() > 0
     moved = np.linalg.norm(sleeve - before.vertices[0] / unit, axis=1)
     assert 0.001 < moved.max() < 0.03
+
+
+def test_cloth_with_other_weights_is_displaced_if_it_stays_near() -> None:
+    """Such as a shoe that one toe moves."""
+    lower = csr_array(np.eye(2)[np.zeros(len(SLEEVE.vertices), dtype=int)])
+    poses = np.array(
+        [
+            pose_of_turns(np.array([[0, 0, 0], [angle, 0, 0]]), np.array([[0.0, 0, -1], [0, 0, 0]]), np.array([-1, 0]))
+            for angle in (-0.03, 0.03)
+        ]
+    )
+    before = dressed()
+    after = clear_in_poses(before, RIG._replace(poses=poses), [lower])
+    assert depth(after.vertices[0], lower, poses) < 0.5 * depth(before.vertices[0], lower, poses)
 
 
 def test_cloth_that_moves_with_the_skin_stays() -> None:
@@ -91,9 +105,9 @@ def test_cloth_that_hangs_free_or_has_no_weights_stays(column: int | None) -> No
     assert np.linalg.norm(after.vertices[0] - before.vertices[0], axis=1)[upper].max() < 0.004
 
 
-@pytest.mark.parametrize("limit", [{"near": 0.0}, {"depth": 0.0}, {"agreement": 1.0}])
+@pytest.mark.parametrize("limit", [{"near": 0.0}, {"depth": 0.0}])
 def test_each_limit_excludes_places(limit: dict[str, float]) -> None:
-    """Those far from the skin, deep in it in a pose, or with weights other than the skin's."""
+    """Those far from the skin, or deep in it in a pose."""
     bent, moved = np.abs(SLEEVE.vertices[:, 2]) < 0.2, []
     for limits in ({}, limit):
         before = dressed()

@@ -59,22 +59,8 @@ def as_object(vector: Floats) -> dict[str, float]:
 
 def to_version_1(rows: Tree, made: Tree) -> Tree:
     """Chains of VRM 0 as those of VRM 1, for a document that has their nodes; it receives a node for each end."""
-    colliders, groups, springs = list[Tree](), list[Tree](), list[Tree]()
-    for group in rows.get("colliderGroups", []):
-        own = [
-            {
-                "node": group["node"],
-                "shape": {
-                    "sphere": {
-                        "offset": (vector_of(each.get("offset")) * [1, 1, -1]).tolist(),
-                        "radius": number_of(each, "radius"),
-                    }
-                },
-            }
-            for each in objects_at(group, "colliders")
-        ]
-        groups.append({"colliders": list(range(len(colliders), len(colliders) + len(own)))})
-        colliders += own
+    colliders, groups = _colliders_of_version_1(rows)
+    springs = list[Tree]()
     roots = _first_above(made, (root for chains in rows.get("boneGroups", []) for root in chains["bones"]))
     for chains in rows.get("boneGroups", []):
         values = {name: number_of(chains, name_0, default) for name_0, name, default in NUMBERS}
@@ -98,6 +84,27 @@ def to_version_1(rows: Tree, made: Tree) -> Tree:
         if "colliderGroups" in spring:
             spring["colliderGroups"] = [kept.index(each) for each in spring["colliderGroups"]]
     return {"colliders": colliders, "colliderGroups": [groups[number] for number in kept], "springs": springs}
+
+
+def _colliders_of_version_1(rows: Tree) -> tuple[list[Tree], list[Tree]]:
+    """Colliders and their groups, as many as VRM 0 has, as those of VRM 1."""
+    colliders, groups = list[Tree](), list[Tree]()
+    for group in rows.get("colliderGroups", []):
+        own = [
+            {
+                "node": group["node"],
+                "shape": {
+                    "sphere": {
+                        "offset": (vector_of(each.get("offset")) * [1, 1, -1]).tolist(),
+                        "radius": number_of(each, "radius"),
+                    }
+                },
+            }
+            for each in objects_at(group, "colliders")
+        ]
+        groups.append({"colliders": list(range(len(colliders), len(colliders) + len(own)))})
+        colliders += own
+    return colliders, groups
 
 
 def _first_above(made: Tree, starts: Iterable[int]) -> set[int]:
@@ -141,17 +148,7 @@ def to_version_0(rows: Tree, made: Tree) -> tuple[Tree, list[str]]:
 
     A capsule becomes a row of spheres. The joints of a chain have the values of the first one.
     """
-    groups, parts_of = list[Tree](), list[list[int]]()
-    is_left_out = False
-    for group in rows.get("colliderGroups", []):
-        of_node: dict[int, list[Tree]] = {}
-        for number in group["colliders"]:
-            spheres = list(_spheres(rows["colliders"][number]))
-            is_left_out = is_left_out or not spheres
-            of_node.setdefault(rows["colliders"][number]["node"], []).extend(spheres)
-        own = [{"node": node, "colliders": spheres} for node, spheres in of_node.items() if spheres]
-        parts_of.append(list(range(len(groups), len(groups) + len(own))))
-        groups += own
+    groups, parts_of, is_left_out = _colliders_of_version_0(rows)
     springs, chains, differ = rows.get("springs", []), list[Tree](), False
     roots = _first_above(made, (spring["joints"][0]["node"] for spring in springs))
     for spring in springs:
@@ -184,6 +181,26 @@ def to_version_0(rows: Tree, made: Tree) -> tuple[Tree, list[str]]:
             warning("Colliders that are not spheres or capsules were left out, because VRM 0 has only spheres.")
         )
     return {"colliderGroups": groups, "boneGroups": chains}, notes
+
+
+def _colliders_of_version_0(rows: Tree) -> tuple[list[Tree], list[list[int]], bool]:
+    """Colliders of VRM 1 as groups of VRM 0, each on one node.
+
+    Returns:
+        The groups, the numbers of those that each group of VRM 1 becomes, and whether some have no spheres.
+    """
+    groups, parts_of = list[Tree](), list[list[int]]()
+    is_left_out = False
+    for group in rows.get("colliderGroups", []):
+        of_node: dict[int, list[Tree]] = {}
+        for number in group["colliders"]:
+            spheres = list(_spheres(rows["colliders"][number]))
+            is_left_out = is_left_out or not spheres
+            of_node.setdefault(rows["colliders"][number]["node"], []).extend(spheres)
+        own = [{"node": node, "colliders": spheres} for node, spheres in of_node.items() if spheres]
+        parts_of.append(list(range(len(groups), len(groups) + len(own))))
+        groups += own
+    return groups, parts_of, is_left_out
 
 
 def _spheres(collider: Tree) -> Iterator[Tree]:

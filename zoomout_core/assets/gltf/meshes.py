@@ -1,9 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Write the surface of an asset as the meshes and skins of a glTF document.
-
-As long as the surface is that of the document, each mesh stays on its node. The surface of another file becomes one
-mesh, on the node of the document's largest mesh, and the nodes of its other meshes become empty.
-"""
+"""Write the surface of an asset as the meshes and skins of a glTF document."""
 
 from __future__ import annotations
 
@@ -13,56 +9,17 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from zoomout_core.arrays import Floats, Integers
-from zoomout_core.assets.asset import COLOR, MATERIALS, NORMALS, SHAPE_KEYS, UV, Asset, layers_of, on_corners
+from zoomout_core.arrays import Floats
+from zoomout_core.assets.asset import Asset
+from zoomout_core.assets.gltf.mesh_parts import Part, parts_on_their_nodes, whole_part
+from zoomout_core.assets.gltf.primitives import place_in_nodes, write_primitives
 from zoomout_core.mesh.affine_maps import normalise
-from zoomout_core.mesh.formats.gltf_document import (
-    ARRAY_BUFFER,
-    ELEMENT_ARRAY_BUFFER,
-    PLACE,
-    VARIANTS,
-    VRM_0,
-    Buffer,
-    Document,
-    library,
-    morph_target_names,
-)
-from zoomout_core.mesh.triangles import unit_vectors, vertex_normals
-from zoomout_core.transfer.rigging.skinning import row_of
+from zoomout_core.mesh.formats.gltf_document import VARIANTS, VRM_0, Buffer, Document, library, morph_target_names
 
 if TYPE_CHECKING:
     from pygltflib import GLTF2, Mesh, Primitive
-
-# Joints per vertex in a set.
-INFLUENCES = 4
-# Offsets of a morph target that are no more than rounding to single floats, relative to the extent of the surface.
-STILL = 1e-6
-# The order of a triangle's corners on the other side of a mirror.
-REVERSED = np.array([0, 2, 1])
-
-
-@dataclass(frozen=True, eq=False)
-class Part:
-    """The part of a surface that becomes the mesh of a node.
-
-    Attributes:
-        node: number of the node.
-        start: its first vertex.
-        stop: the vertex after its last one.
-        bearers: the document's nodes whose meshes it stands for; its own node first.
-        origins: these meshes, by number.
-        keys: names of its morph targets, those of the document's mesh first.
-    """
-
-    node: int
-    start: int
-    stop: int
-    bearers: tuple[int, ...]
-    origins: dict[int, Mesh]
-    keys: tuple[str, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,27 +41,6 @@ class Renumbering:
     is_joined: bool = False
 
 
-@dataclass(frozen=True, eq=False)
-class _Shape:
-    """A surface in the frames of its nodes: the rest pose of the joints, or the frame of a node without joints.
-
-    Attributes:
-        positions: (n, 3) of the vertices.
-        linear: (n, 3, 3) matrices that take small differences of posed positions there; None if all are one.
-        corners: (m, 3) corners of the triangles, in reverse order where a node mirrors them.
-        triangles: the numbers of each part's triangles, by its first vertex.
-        rows: (c, w) data of the corners, by glTF's names.
-        split: (c,) the number of each corner's split vertex.
-    """
-
-    positions: Floats
-    linear: Floats | None
-    corners: Integers
-    triangles: dict[int, Integers]
-    rows: dict[str, Floats]
-    split: Integers
-
-
 def write_meshes(
     made: GLTF2, asset: Asset, look: Document | None, buffer: Buffer, name: str
 ) -> tuple[Renumbering, tuple[str, ...]]:
@@ -119,16 +55,16 @@ def write_meshes(
     """
     known = bool(asset.nodes) and asset.document is not None
     stays = known and sum(count for _, count in asset.objects) == len(asset.surface.vertices)
-    parts = _parts_on_their_nodes(asset) if stays else [_whole_part(made, asset, name)]
+    parts = parts_on_their_nodes(asset) if stays else [whole_part(made, asset, name)]
     skins = [_skin_of(part, asset, stays) for part in parts]
     weights = None if asset.skin is None else normalise(asset.skin.weights)
     made.skins = _write_skins(asset, parts, skins, weights, buffer, stays)
-    shape = _shape(asset, parts, skins)
+    shape = place_in_nodes(asset, parts, skins)
     meshes, notes = [], dict[str, None]()
     for part, skin in zip(parts, skins, strict=True):
         mesh = library().Mesh(name=next((each.name for each in part.origins.values() if each.name), name))
         joints = None if skin is None else made.skins[skin].joints
-        mesh.primitives = _primitives(shape, asset, part, weights, joints, buffer)
+        mesh.primitives = write_primitives(shape, asset, part, weights, joints, buffer)
         notes |= dict.fromkeys(_keep_free_data(mesh, part, asset, look))
         _name_keys(mesh, part, asset.document)
         meshes.append(mesh)
@@ -138,67 +74,6 @@ def write_meshes(
         made.nodes[part.node].mesh, made.nodes[part.node].skin = number, skin
     made.meshes = meshes
     return _renumber(parts, not stays), tuple(notes)
-
-
-# --- parts --------------------------------------------------------------------------------------------------
-
-
-def _parts_on_their_nodes(asset: Asset) -> list[Part]:
-    """The parts of a surface that is that of its document, in the order of the document's meshes."""
-    ends = np.cumsum([0, *(count for _, count in asset.objects)]).tolist()
-    parts = []
-    for node, start, stop in zip(asset.nodes, ends[:-1], ends[1:], strict=True):
-        mesh = _mesh_on(asset, node)
-        number = asset.document.gltf.nodes[node].mesh  # type: ignore[union-attr]
-        parts.append(Part(node, start, stop, (node,), {number: mesh}, _keys_of(asset, mesh, start, stop)))
-    return sorted(parts, key=lambda part: (*part.origins, part.node))
-
-
-def _whole_part(made: GLTF2, asset: Asset, name: str) -> Part:
-    """The whole surface, on the node of the document's largest mesh, or on a new one."""
-    keys = asset.find(SHAPE_KEYS)
-    labels = () if keys is None else keys.labels
-    origins: dict[int, Mesh] = {}
-    bearers: list[int] = []
-    node = -1
-    if asset.document is not None:
-        gltf = asset.document.gltf
-        origins = {each.mesh: gltf.meshes[each.mesh] for each in gltf.nodes if each.mesh is not None}
-        sizes = {number: _size_of(gltf, mesh) for number, mesh in origins.items()}
-        bearers = [number for number, each in enumerate(gltf.nodes) if each.mesh is not None]
-        node = max(bearers, key=lambda at: (gltf.nodes[at].skin is not None, sizes[gltf.nodes[at].mesh]), default=-1)
-    if node < 0:
-        made.nodes.append(library().Node(name=name))
-        node = len(made.nodes) - 1
-        if not made.scenes:
-            made.scenes, made.scene = [library().Scene(nodes=[])], 0
-        made.scenes[made.scene or 0].nodes.append(node)
-    bearers.sort(key=lambda bearer: bearer != node)
-    return Part(node, 0, len(asset.surface.vertices), tuple(bearers), origins, labels)
-
-
-def _size_of(gltf: GLTF2, mesh: Mesh) -> int:
-    """The number of a mesh's vertices."""
-    places = {each.attributes.POSITION for each in mesh.primitives} - {None}
-    return sum(gltf.accessors[each].count for each in places)
-
-
-def _mesh_on(asset: Asset, node: int) -> Mesh:
-    """The mesh of a node of the asset's document."""
-    assert asset.document is not None
-    return asset.document.gltf.meshes[asset.document.gltf.nodes[node].mesh]
-
-
-def _keys_of(asset: Asset, mesh: Mesh, start: int, stop: int) -> tuple[str, ...]:
-    """The morph targets of a mesh: those that it has, then others that move its vertices."""
-    keys = asset.find(SHAPE_KEYS)
-    if keys is None:
-        return ()
-    names = [name for name in morph_target_names(mesh) if name in keys.labels]
-    places, offsets = asset.surface.vertices, np.asarray(keys.values)
-    still = STILL * float((np.nanmax(places, axis=0) - np.nanmin(places, axis=0)).max())
-    moved = (label for key, label in enumerate(keys.labels) if np.abs(offsets[start:stop, key]).max() > still)
-    return tuple(dict.fromkeys([*names, *moved]))
 
 
 def _renumber(parts: Sequence[Part], is_joined: bool) -> Renumbering:
@@ -255,146 +130,6 @@ def _write_skins(
 
 def _add_matrices(matrices: Floats, buffer: Buffer) -> int:
     return buffer.add(matrices.transpose(0, 2, 1).reshape(-1, 16).astype("<f4"))
-
-
-def _influences(weights: csr_array, columns: Integers) -> tuple[NDArray[Any], NDArray[Any]]:
-    """(n, s) joints and weights of vertices, the largest weights first, in sets of four.
-
-    Args:
-        weights: (n, b) weights that sum to one.
-        columns: (b,) the number of each joint in the skin.
-    """
-    row, count = row_of(weights), np.diff(weights.indptr)
-    order = np.lexsort((weights.indices, -weights.data, row))
-    rank = np.arange(len(row)) - np.repeat(weights.indptr[:-1], count)
-    sets = max(-(-int(count.max(initial=1)) // INFLUENCES), 1)
-    joint = np.zeros((weights.shape[0], sets * INFLUENCES), "<u1" if columns.max(initial=0) < 256 else "<u2")
-    share = np.zeros(joint.shape, "<f4")
-    joint[row, rank], share[row, rank] = columns[weights.indices[order]], weights.data[order]
-    joint[share == 0] = 0  # also where a weight is too small for single floats
-    # Readers expect single floats that sum to one.
-    share[:, 0] += 1 - share.sum(axis=1, dtype=np.float64)
-    return joint, share
-
-
-# --- shape --------------------------------------------------------------------------------------------------
-
-
-def _shape(asset: Asset, parts: Sequence[Part], skins: Sequence[int | None]) -> _Shape:
-    """The surface of an asset in the frames of its nodes."""
-    surface = asset.surface
-    positions, corners = surface.vertices.copy(), surface.triangle_corners.copy()
-    worlds = np.zeros((0, 4, 4)) if asset.document is None else asset.document.worlds()[0]
-    # Sort once: a scene may have thousands of parts.
-    starts = np.sort([part.start for part in parts])
-    of_triangle = np.searchsorted(starts, surface.triangles[:, 0], side="right") - 1
-    groups = np.split(
-        np.argsort(of_triangle, kind="stable"), np.cumsum(np.bincount(of_triangle, minlength=len(parts)))[:-1]
-    )
-    triangles = dict(zip(starts.tolist(), groups, strict=True))
-    placed = any(part.node < len(worlds) for part in parts)
-    linear = np.tile(np.eye(3), (len(positions), 1, 1)) if placed or asset.skin is not None else None
-    for part, skin in zip(parts, skins, strict=True):
-        own = slice(part.start, part.stop)
-        if skin is not None and asset.skin is not None and linear is not None:
-            positions[own], linear[own] = asset.skin.rest[own], asset.skin.linear[own]
-        elif part.node < len(worlds) and linear is not None:
-            world = worlds[part.node]
-            inverse = np.linalg.pinv(world[:3, :3])
-            positions[own], linear[own] = (positions[own] - world[:3, 3]) @ inverse.T, inverse
-            if np.linalg.det(world[:3, :3]) < 0:
-                mirrored = triangles[part.start]
-                corners[mirrored] = corners[mirrored][:, REVERSED]
-    rows = _corner_rows(asset, positions, linear, surface.corner_vertex[corners])
-    return _Shape(positions, linear, corners, triangles, rows, _split_vertices(rows, surface.corner_vertex))
-
-
-def _corner_rows(asset: Asset, positions: Floats, linear: Floats | None, triangles: Integers) -> dict[str, Floats]:
-    """Corner data (c, w) by glTF's names."""
-    surface = asset.surface
-    normals = asset.find(NORMALS)
-    if normals is None:
-        of_corner = vertex_normals(positions, triangles)[surface.corner_vertex]
-    else:
-        of_corner = np.asarray(normals.values)
-        if linear is not None:
-            inverse = np.linalg.pinv(linear)[surface.corner_vertex]
-            of_corner = unit_vectors(np.einsum("cyx,cy->cx", inverse, of_corner))
-    of_corner = np.where(np.linalg.norm(of_corner, axis=1, keepdims=True) > 0.5, of_corner, [0, 0, 1])
-    rows = {"NORMAL": of_corner}
-    if asset.stored_map is not None:
-        rows[PLACE] = asset.stored_map.rows[surface.corner_vertex]
-    for kind, name in ((UV, "TEXCOORD"), (COLOR, "COLOR")):
-        for number, attribute in enumerate(layers_of(asset.attributes, kind)):
-            values = on_corners(attribute, surface)
-            rows[f"{name}_{number}"] = values * [1, -1] + [0, 1] if kind == UV else _rgba(values)
-    return rows
-
-
-def _rgba(colors: Floats) -> Floats:
-    return np.clip(np.column_stack([colors, np.ones((len(colors), 4 - colors.shape[1]))]), 0, 1)
-
-
-def _split_vertices(rows: dict[str, Floats], corner_vertex: Integers) -> Integers:
-    """(c,) numbers of corners, equal where vertex and data are."""
-    key = np.column_stack([corner_vertex, *rows.values()]).astype(np.float32)
-    # Single floats cannot represent vertex numbers above 2^24.
-    whole = np.column_stack([corner_vertex, np.ascontiguousarray(key[:, 1:]).view(np.int32)])
-    return np.asarray(np.unique(whole, axis=0, return_inverse=True)[1]).ravel()
-
-
-def _primitives(
-    shape: _Shape, asset: Asset, part: Part, weights: csr_array | None, joints: Sequence[int] | None, buffer: Buffer
-) -> list[Primitive]:
-    """Make a primitive for each material of a part, with vertices split where corners differ."""
-    gltf = library()
-    surface, materials, keys = asset.surface, asset.find(MATERIALS), asset.find(SHAPE_KEYS)
-    number = np.full(len(surface.face_start) - 1, -1) if materials is None else np.asarray(materials.values)
-    own = shape.triangles[part.start]
-    of_triangle = number[surface.triangle_face[own]]
-    influences = None
-    if joints is not None and weights is not None and asset.skin is not None:
-        at = {node: local for local, node in enumerate(joints)}
-        columns = np.array([at.get(node, 0) for node in asset.skin.nodes.tolist()], dtype=np.int64)
-        influences = _influences(weights[part.start : part.stop], columns)
-    labels = np.array([] if keys is None else [keys.labels.index(key) for key in part.keys], dtype=np.int64)
-    primitives = []
-    for material in np.unique(of_triangle):
-        chosen = shape.corners[own[of_triangle == material]]
-        split, triangles = np.unique(shape.split[chosen], return_inverse=True)
-        # Use one corner of each vertex for all.
-        example = np.empty(len(split), dtype=np.int64)
-        example[triangles.ravel()] = chosen.ravel()
-        vertex = surface.corner_vertex[example]
-        attributes = gltf.Attributes(
-            POSITION=buffer.add(shape.positions[vertex].astype("<f4"), ARRAY_BUFFER, bounded=True),
-            **{name: buffer.add(values[example].astype("<f4"), ARRAY_BUFFER) for name, values in shape.rows.items()},
-        )
-        if influences is not None:
-            joint, share = influences
-            _add_influences(attributes, joint[vertex - part.start], share[vertex - part.start], buffer)
-        primitive = gltf.Primitive(attributes=attributes, mode=4)
-        primitive.indices = buffer.add(triangles.ravel().astype("<u4"), ELEMENT_ARRAY_BUFFER)
-        if material >= 0:
-            primitive.material = int(material)
-        if keys is not None and len(labels):
-            offsets = np.asarray(keys.values)[np.ix_(vertex, labels)]
-            if shape.linear is not None:
-                offsets = np.einsum("nxy,nky->nkx", shape.linear[vertex], offsets)
-            primitive.targets = [
-                gltf.Attributes(POSITION=buffer.add(offsets[:, key].astype("<f4"), ARRAY_BUFFER, bounded=True))
-                for key in range(len(labels))
-            ]
-        primitives.append(primitive)
-    return primitives
-
-
-def _add_influences(attributes: Any, joint: NDArray[Any], share: NDArray[Any], buffer: Buffer) -> None:
-    """Add joints and weights (v, s) of vertices, in sets of four."""
-    for number in range(joint.shape[1] // INFLUENCES):
-        columns = slice(number * INFLUENCES, (number + 1) * INFLUENCES)
-        setattr(attributes, f"JOINTS_{number}", buffer.add(joint[:, columns], ARRAY_BUFFER))
-        setattr(attributes, f"WEIGHTS_{number}", buffer.add(share[:, columns], ARRAY_BUFFER))
 
 
 # --- free data ----------------------------------------------------------------------------------------------

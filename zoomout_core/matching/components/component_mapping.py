@@ -18,6 +18,7 @@ from zoomout_core.matching.components.boundary_loops import loops_on_loops
 from zoomout_core.matching.components.fused_parts import FusedPart, find_fused
 from zoomout_core.matching.components.parts import BODY_MAP_ERROR, MAX_PAIRED_PARTS, Part, Side, pair_parts
 from zoomout_core.matching.components.similarity_field import SimilarityField, affine_maps, transform_points
+from zoomout_core.matching.components.turned_parts import carry_turned
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.report.verdict import VERDICT
 
@@ -105,6 +106,7 @@ def _map_parts(
 ) -> tuple[ComponentMap, set[int]]:
     """Map the target's loose parts; returns also the numbers of the source's parts that have images on them."""
     points, normals, around = _carry(target, motion)
+    points, normals = carry_turned(pair, motion, source, target, theirs, points, normals)
     ours = target.parts(points)
     partners, misfit = pair_parts(
         ours[:MAX_PAIRED_PARTS],

@@ -13,9 +13,10 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Floats, Integers
-from zoomout_core.geometry.closest_points import closest_on_triangles
+from zoomout_core.geometry.closest_points import closest_on_triangles, closest_points
 from zoomout_core.geometry.oriented_closest_points import OrientedSurface, surface_samples
 from zoomout_core.geometry.procrustes import Similarities
+from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.components.part_borders import straighten_borders
 from zoomout_core.matching.components.part_motions import MovedTarget, fit_motions
 from zoomout_core.matching.components.parts import Part, Side
@@ -59,6 +60,12 @@ class Image:
 def near_hull(side: Side, shape: ShapeAnalysis) -> Booleans:
     """(n,) which vertices of a surface's working mesh are near the hull."""
     return np.asarray(cKDTree(shape.proxy.full.vertices).query(side.points)[0] < SHELL_IMAGES.outside)
+
+
+def find_caps(hull: Floats, side: Side) -> Booleans:
+    """(h,) which vertices (h, 3) of a hull are off its surface, where it closes an opening: the waist of a bust."""
+    on = SurfaceMap(*closest_points(hull, side.points, side.mesh.triangles), side.mesh.triangles)
+    return np.asarray(np.linalg.norm(on.interpolate(side.points) - hull, axis=1) > SHELL_IMAGES.outside)
 
 
 def find_covered(side: Side, outside: Booleans) -> Booleans:
@@ -190,3 +197,20 @@ def map_onto_partner(
         if stays and np.median(image.distance) < SHELL_IMAGES.flush:
             break
     return min(tried, key=itemgetter(1))
+
+
+def find_beyond(image: Image, onto: Image, part: Part, partner: int, component: Integers, margin: float) -> Booleans:
+    """(n,) which vertices of a target's shell are beyond its partner, such as the head of a shell of head and torso.
+
+    They are nearer by more than a margin to their `image` on another shell than to that `onto` the partner.
+
+    Args:
+        image: images of all vertices of the target by the body's map.
+        onto: images (n,) of the shell's vertices on its partner.
+        part: the shell.
+        partner: number of its partner.
+        component: (m,) the number of the shell of each triangle of the source.
+        margin: at unit area of the hull.
+    """
+    on_other = component[image.triangle[part.vertices]] != partner
+    return on_other & (onto.distance > image.distance[part.vertices] + margin)

@@ -25,6 +25,8 @@ from zoomout_core.matching.components.shell_images import (
     SHELL_IMAGES,
     Image,
     find_beneath,
+    find_beyond,
+    find_caps,
     find_covered,
     map_onto_partner,
     move_to_parts,
@@ -78,7 +80,7 @@ def map_shells(pair: Pair, fit: Fit, confidence: Floats, of_hulls: Partners) -> 
     """Map the shells of two surfaces, given the map between their hulls, its confidence (n,) and its partners."""
     source = Side.of(pair.source, pair.source_shape.proxy.full)
     target = Side.of(pair.target, pair.target_shape.proxy.full)
-    motion, in_place = _motion(pair, fit, confidence)
+    motion, in_place = _motion(pair, fit, confidence, target)
     points, normals, around = carry_in_blocks(motion, target.points, target.mesh.vertex_normals)
     moved = MovedTarget(points, normals, motion, in_place)
     image = _map_outsides(pair, moved, source, target)
@@ -126,10 +128,12 @@ def _map_pairs(
         return 0
     mesh, component = source.mesh, source.mesh.component[source.mesh.triangles[:, 0]]
     shells = OrientedSurface(source.points, mesh.triangles, mesh.flipped, SHELL_IMAGES.normal_weight, component)
+    margin = SHELL_IMAGES.cover if in_place else SHELLS.half_distance  # errors of the body's map
     for (i, j), similarity in zip(partners, motions, strict=True):
         part = ours[i]
         onto, stretch = map_onto_partner(part, j, similarity, motion.scale, in_place, normals, shells, source, target)
         on = onto.distance < np.maximum(SHELLS.beside, image.distance[part.vertices])
+        on &= ~find_beyond(image, onto, part, j, component, margin)
         vertices = part.vertices[on]
         image.triangle[vertices], image.barycentric[vertices] = onto.triangle[on], onto.barycentric[on]
         image.distance[vertices] = onto.distance[on]
@@ -178,8 +182,11 @@ def _pin(between: SurfaceMap, landmarks: tuple[Floats, Floats], source: Side, ta
     return replace_images(between, bent, SurfaceMap(*found, triangles))
 
 
-def _motion(pair: Pair, fit: Fit, confidence: Floats) -> tuple[SimilarityField, bool]:
-    """The motion of the target's hull to the source's, in the frames of the hulls, and whether it stays in place."""
+def _motion(pair: Pair, fit: Fit, confidence: Floats, side: Side) -> tuple[SimilarityField, bool]:
+    """The motion of the target's hull to the source's, in the frames of the hulls, and whether it stays in place.
+
+    Where the hull closes an opening of the target's `side`, such as the waist of a bust, its map does not count.
+    """
     source, target = pair.source_shape.proxy, pair.target_shape.proxy
     centre, size = source.frame
     bent = centre + size * fit.positions
@@ -187,6 +194,9 @@ def _motion(pair: Pair, fit: Fit, confidence: Floats) -> tuple[SimilarityField, 
     images = np.where(moves[:, None], bent, fit.surface_map.interpolate(source.vertices))
     places = overlapping(pair)
     basis = pair.target_shape.basis
-    if pair.source is pair.target or places is None or not leaves_in_place(images, places, basis.areas):
-        return SimilarityField(target.vertices, images, confidence, basis), False
-    return SimilarityField(target.vertices, places, confidence, basis), True
+    if pair.source is not pair.target and places is not None:
+        rotations = SimilarityField(places, images, confidence, basis).rotations(places)
+        areas = np.where(find_caps(target.vertices, side), 0, basis.areas)
+        if leaves_in_place(images, places, areas, rotations):
+            return SimilarityField(target.vertices, places, confidence, basis), True
+    return SimilarityField(target.vertices, images, confidence, basis), False

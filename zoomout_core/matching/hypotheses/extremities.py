@@ -10,14 +10,14 @@ extremities as constraints.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import islice, zip_longest
 
 import numpy as np
 
-from zoomout_core.arrays import Floats, Integers
+from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.maps.anchors import Anchors
 from zoomout_core.maps.nearest import nearest
 from zoomout_core.matching.hypotheses.hypothesis import HYPOTHESES, Hypothesis, alike
@@ -29,6 +29,7 @@ from zoomout_core.matching.refinement.local_rigid_alignment import sides_are_kno
 from zoomout_core.mesh.triangles import unique_edges
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.runtime.once import once_per_argument
+from zoomout_core.runtime.threads import for_each
 from zoomout_core.tuning import Tuning, tuned
 
 
@@ -139,35 +140,63 @@ def _best_maps(
     """The distinct maps of pairings that keep best what an isometry keeps, for each of some sides."""
     tips_source, tips_target = tips_of(source), tips_of(target)
     found = [pairing for pairing in _all_pairings(tips_target, tips_source) if wanted(*pairing)]
-    at_source, at_target = tips_source.places.at(source.search.samples), tips_target.places.at(target.search.samples)
-    size = min(EXTREMITIES.coarse_size, source.search.rows.shape[1], target.search.rows.shape[1])
     hypotheses = []
     for side in sides if found else ():
-        scores, places = [], []
-        features: dict[bytes, Floats] = {}  # of the target's tips: many pairings have the same
-        for of_target, of_source in found:
-            if (tips := of_target.tobytes()) not in features:
-                features[tips] = at_target.features(of_target, side)
-            sample_map = nearest(features[tips], at_source.features(of_source))
-            functional_map = target.search.fit(source.search.rows[sample_map, :size], size)
-            evidence = disagreement(functional_map, sample_map, None)
-            scores.append(total_score(scores_of(functional_map, sample_map, source, target, side < 0) | evidence))
-            places.append(source.coordinates[sample_map])
-        by_score = np.argsort(scores, kind="stable")
-        by_pairs = sorted(by_score, key=lambda i: -len(found[i][0]))
-        same = alike(places, HYPOTHESES.same_map)
-        kept: list[int] = []
-        for quota, by_merit in zip(quotas, (np.arange(len(found)), by_score), strict=True):
-            for i in by_merit:
-                if len(kept) < quota and not same[i, kept].any():
-                    # Among similar maps, keep the one that most pairs support, whatever their order.
-                    kept.append(int(by_pairs[np.argmax(same[i, by_pairs])]))
+        scores, places = _compare_pairings(found, tips_source, tips_target, source, target, disagreement, side)
+        kept = _select(np.array(scores), alike(places, HYPOTHESES.same_map), [len(pairs) for pairs, _ in found], quotas)
         for of_target, of_source in (found[i] for i in kept):
             pairs = " ".join(f"{t}-{s}" for t, s in zip(of_target, of_source, strict=True))
             origin = f"extremities {pairs}" + ", mirrored" * (side < 0)
             anchors = Anchors(tips_source.places.features(of_source), tips_target.places.features(of_target, side))
             hypotheses.append(anchored_hypothesis(origin, source, target, anchors))
     return hypotheses
+
+
+def _select(scores: Floats, same: Booleans, pairs: Sequence[int], quotas: tuple[int, int]) -> list[int]:
+    """Numbers of distinct maps to keep, up to the first quota in their order, and up to the second one by score.
+
+    Args:
+        scores: (m,) of maps; the lowest is the best.
+        same: (m, m) which maps are alike.
+        pairs: (m,) number of pairs of tips that support each.
+        quotas: numbers of maps after each choice.
+    """
+    by_score = np.argsort(scores, kind="stable")
+    by_pairs = sorted(by_score, key=lambda i: -pairs[i])
+    kept: list[int] = []
+    for quota, by_merit in zip(quotas, (np.arange(len(scores)), by_score), strict=True):
+        for i in by_merit:
+            if len(kept) < quota and not same[i, kept].any():
+                # Among similar maps, keep the one that most pairs support, whatever their order.
+                kept.append(int(by_pairs[np.argmax(same[i, by_pairs])]))
+    return kept
+
+
+def _compare_pairings(
+    pairings: Sequence[tuple[Integers, Integers]],  # not empty
+    tips_source: Extremities,
+    tips_target: Extremities,
+    source: ShapeAnalysis,
+    target: ShapeAnalysis,
+    disagreement: Disagreement,
+    side: int,
+) -> tuple[tuple[float, ...], tuple[Floats, ...]]:
+    """Scores of the maps of pairings, and the (s, d) coordinates of the places that each maps to."""
+    at_source, at_target = tips_source.places.at(source.search.samples), tips_target.places.at(target.search.samples)
+    size = min(EXTREMITIES.coarse_size, source.search.rows.shape[1], target.search.rows.shape[1])
+    tips = {of_target.tobytes(): of_target for of_target, _ in pairings}  # many pairings have the same
+    features = {key: at_target.features(of_target, side) for key, of_target in tips.items()}
+
+    def compare(pairing: tuple[Integers, Integers]) -> tuple[float, Floats]:
+        of_target, of_source = pairing
+        sample_map = nearest(features[of_target.tobytes()], at_source.features(of_source))
+        functional_map = target.search.fit(source.search.rows[sample_map, :size], size)
+        evidence = disagreement(functional_map, sample_map, None)
+        score = total_score(scores_of(functional_map, sample_map, source, target, side < 0) | evidence)
+        return score, source.coordinates[sample_map]
+
+    scores, places = zip(*for_each(compare, pairings), strict=True)
+    return scores, places
 
 
 @once_per_argument
@@ -192,6 +221,7 @@ def has_extremities(shape: ShapeAnalysis) -> bool:
 
 @once_per_argument
 def maxima(shape: ShapeAnalysis) -> tuple[Integers, Floats]:
+    """(e,) vertices where the average distance is largest nearby, and (e,) their persistence, in falling order."""
     return _persistent_maxima(_average_distance(shape), shape.mesh)
 
 

@@ -74,8 +74,7 @@ def refine_candidate(
     known = candidate.refined
     if known is not None and len(known[1]) == final_size(source, target, k_final):
         return known
-    how = candidate.final_anchors, candidate.mirrored, k_final, step
-    return refine(source, target, candidate.functional_map, *how)
+    return refine(source, target, candidate.functional_map, candidate.final_anchors, candidate.mirrored, k_final, step)
 
 
 def _finish(candidate: Candidate, source: ShapeAnalysis, target: ShapeAnalysis, step: int) -> Candidate:

@@ -94,7 +94,7 @@ def scores_of(
     target: ShapeAnalysis,
     reverses_orientation: bool,
 ) -> dict[str, float]:
-    """The criteria for one direction of a map.
+    """The criteria for one direction of a map: C (k_target, k_source), and the source sample (s_t,) of each target one.
 
     Returns:
         commutativity: of C with the Laplacians (0 for an isometry);
@@ -163,9 +163,10 @@ def map_after_alignment(
     at_samples = None if anchors is None else Anchors(anchors.source, anchors.target[samples])
     vertex = source.search.samples[sample_map]
     k = min(SCORES.smooth_size, len(target.basis.eigenvalues), len(source.basis.eigenvalues))
-    how = target.search, at_samples, k, SCORES.alignment_width, mirrored
     for among in (source.sampled.samples, slice(None)):
-        vertex, aligned = align_and_match(vertex, source, target, *how, among)
+        vertex, aligned = align_and_match(
+            vertex, source, target, target.search, at_samples, k, SCORES.alignment_width, mirrored, among
+        )
     return vertex, aligned
 
 

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -20,10 +19,13 @@ from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 from zoomout_core.matching.registration.correspondences import BOUND_SAMPLES
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import edge_lengths, triangle_normals, unique_edges, vertex_areas
+from zoomout_core.runtime.once import cached_property
 from zoomout_core.tuning import Tuning, tuned
 
 # Edges that are compared at once, so few that they stay in the processor's cache.
 EDGES = 1 << 12
+# Differences of geodesic distances, at unit area, that do not matter.
+LEVEL = 1e-3
 # Samples of each triangle, on average, that are enough on coarse sources.
 SAMPLES_OF_TRIANGLE = 20
 
@@ -139,4 +141,25 @@ def _marks(source: Surface, shape: ShapeAnalysis) -> Floats:
         of_body[beside] = cKDTree(body.vertices).query(places)[1]
     place = shape.proxy.place
     at_vertices = SurfaceMap(place.triangle[of_body], place.barycentric[of_body], place.source_triangles)
-    return at_vertices.interpolate(shape.distances[:BOUND_SAMPLES].T)
+    marks = at_vertices.interpolate(shape.distances[:BOUND_SAMPLES].T)
+    if len(beside):
+        edges, _ = unique_edges(working.triangles)
+        _level(marks, edges[np.isin(edges[:, 0], beside)], working.vertices)
+    return marks
+
+
+def _level(marks: Floats, edges: Integers, vertices: Floats) -> None:
+    """Lower marks (n, d) until they differ along edges (e, 2) by no more than the length, as geodesic distances do.
+
+    Next to a loose part, the body may end and begin again, as a torso and an arm beside a coat.
+    """
+    both = np.concatenate([edges, edges[:, ::-1]])
+    both = both[np.argsort(both[:, 0], kind="stable")]
+    lengths = edge_lengths(vertices, both)[:, None]
+    first = np.flatnonzero(np.diff(both[:, 0], prepend=-1))
+    at = both[first, 0]
+    while True:
+        lower = np.minimum.reduceat(marks[both[:, 1]] + lengths, first)
+        if not (lower < marks[at] - LEVEL).any():
+            return
+        marks[at] = np.minimum(marks[at], lower)

@@ -26,12 +26,15 @@ from zoomout_core.mesh.formats.blender_files import ENDINGS as OF_BLENDER
 from zoomout_core.mesh.formats.blender_files import write_surface
 from zoomout_core.mesh.formats.gltf_files import read_gltf_file
 from zoomout_core.mesh.formats.gltf_scene import read_scene
-from zoomout_core.mesh.formats.more_files import READERS as MORE_READERS
-from zoomout_core.mesh.formats.more_files import Faces, Polygons, join
+from zoomout_core.mesh.formats.meshio_files import ENDINGS as OF_MESHIO
+from zoomout_core.mesh.formats.meshio_files import read_with_meshio
 from zoomout_core.mesh.formats.obj_files import parse_obj
 from zoomout_core.mesh.formats.opening import existing, explain_damage, file_bytes
 from zoomout_core.mesh.formats.ply_files import PlyColumns, ply_columns, ply_normals, ply_polygons
+from zoomout_core.mesh.formats.polygons import Faces, Polygons, join
 from zoomout_core.mesh.formats.text_tables import flatten, number_table, text_lines, whole_number
+from zoomout_core.mesh.formats.usd_files import ENDINGS as OF_USD
+from zoomout_core.mesh.formats.usd_files import read_usd
 from zoomout_core.mesh.formats.xml_instances import check_instances
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.surface import MeshError, PointCloud, Surface
@@ -39,6 +42,8 @@ from zoomout_core.runtime.extras import install_hint
 from zoomout_core.runtime.input_files import FormatError, check_expansion
 from zoomout_core.runtime.outputs import atomic_write
 
+# Readers that need a package of the extra `formats`, by file extension.
+OPTIONAL_READERS = dict.fromkeys(OF_USD, read_usd) | dict.fromkeys(OF_MESHIO, read_with_meshio)
 # Formats that trimesh reads with packages of the extra `formats`, and all that it is asked to read.
 WITH_EXTRA = frozenset({".dae", ".zae", ".3mf"})
 OF_TRIMESH = WITH_EXTRA | {".3dxml", ".ctm", ".step", ".stl", ".stl_ascii", ".stp", ".xaml", ".xyz"}
@@ -159,7 +164,7 @@ def read_polygons(path: str | PathLike[str]) -> Polygons:
 def _read(path: str | PathLike[str]) -> tuple[Polygons, PlyColumns]:
     """The polygons of `read_polygons`, and the vertex columns of a PLY file."""
     path = existing(path)
-    readers = dict.fromkeys(MORE_READERS, _read_with_extra) | dict.fromkeys(OF_BLENDER, _read_with_blender)
+    readers = dict.fromkeys(OPTIONAL_READERS, _read_with_extra) | dict.fromkeys(OF_BLENDER, _read_with_blender)
     readers |= {
         ".off": _read_off,
         ".obj": lambda path: parse_obj(file_bytes(path)).polygons(),
@@ -241,7 +246,7 @@ def _read_with_blender(path: Path) -> Polygons:
 def _read_with_extra(path: Path) -> Polygons:
     """The faces of a file of another program's format."""
     try:
-        return MORE_READERS[path.suffix.lower()](path)
+        return OPTIONAL_READERS[path.suffix.lower()](path)
     except ImportError as error:
         raise ImportError(
             f"{path} requires the package {error.name}, which is not installed: {install_hint('formats')}, "

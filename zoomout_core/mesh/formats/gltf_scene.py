@@ -141,12 +141,9 @@ def _mesh(document: Document, number: int) -> GltfMesh:
     chosen, merged = _merge_equal(
         np.hstack([rows["POSITION"], joint, weight, offsets.reshape(len(offsets), 3 * len(keys))])
     )
-    triangles = [_triangles(document, each, count) for each, count in zip(primitives, counts, strict=True)]
-    corner = np.concatenate([np.zeros((0, 3), int), *(t + first for t, first in zip(triangles, start, strict=False))])
-    materials = [-1 if each.material is None else each.material for each in primitives]
-    material = np.repeat(materials, [len(t) for t in triangles])
-    whole = ~broken[corner].any(axis=1)
-    corner, material = corner[whole], material[whole]
+    corner, material = _triangles_of_all(document, primitives, start)
+    intact = ~broken[corner].any(axis=1)
+    corner, material = corner[intact], material[intact]
     names = (name for name in rows if name.startswith(("TEXCOORD_", "COLOR_")) or name == "NORMAL")
     has_map = PLACE in rows and all(PLACE in each for each in attributes)
     return GltfMesh(
@@ -197,6 +194,20 @@ def _rows_of_all(attributes: Sequence[dict[str, NDArray[Any]]], counts: Sequence
                 rows[name][start : start + count, 3:] = 1
         start += count
     return rows
+
+
+def _triangles_of_all(
+    document: Document, primitives: Sequence[Primitive], start: Integers
+) -> tuple[Integers, Integers]:
+    """(m, 3) triangles of primitives, whose vertices begin at `start` (p + 1,), and (m,) their materials; -1 for none.
+
+    Raises:
+        MeshError: a triangle refers to a vertex that does not exist.
+    """
+    triangles = [_triangles(document, each, int(n)) for each, n in zip(primitives, np.diff(start), strict=True)]
+    corner = np.concatenate([np.zeros((0, 3), int), *(t + first for t, first in zip(triangles, start, strict=False))])
+    materials = [-1 if each.material is None else each.material for each in primitives]
+    return corner, np.repeat(materials, [len(t) for t in triangles])
 
 
 def _triangles(document: Document, primitive: Primitive, count: int) -> Integers:

@@ -24,7 +24,6 @@ from zoomout_core.runtime.threads import on_one_blas_thread
 from zoomout_core.transfer.dressing.body_keys import means_of_skin
 from zoomout_core.transfer.dressing.form import Form, Lines, read_masks
 from zoomout_core.transfer.dressing.patches import Patches
-from zoomout_core.transfer.dressing.posed_contact import POSED_CONTACT
 from zoomout_core.transfer.inpaint import MIN_WEIGHT
 from zoomout_core.transfer.rigging.weights import limit_weights
 from zoomout_core.tuning import Tuning, tuned
@@ -32,13 +31,15 @@ from zoomout_core.tuning import Tuning, tuned
 
 @dataclass(frozen=True)
 class BodyWeightTuning(Tuning, set_by="outfits"):
-    """How smoothly weights change.
+    """How smoothly weights change, and which places move with the skin.
 
     Attributes:
         smooth: length over which the change of the skin's weights is averaged.
+        agreement: share of the weights in common with the skin below from which a place moves with it.
     """
 
     smooth: float = tuned(0.02, "at unit area", 1e-6, 1)
+    agreement: float = tuned(0.5, "1", 1e-6, 1)
 
 
 BODY_WEIGHTS = BodyWeightTuning()
@@ -103,7 +104,7 @@ def moving_with_skin(
 ) -> list[Floats | None]:
     """The degree, in [0, 1], to which each vertex of worn objects moves with the skin below it as bones rotate.
 
-    It is 1 if they have `PosedContactTuning.agreement` of their weights in common: cloth near a joint often has
+    It is 1 if they have `BodyWeightTuning.agreement` of their weights in common: cloth near a joint often has
     smoother weights than the skin. It is 0 for the front of a skirt that is bound to the hips alone.
 
     Args:
@@ -118,7 +119,7 @@ def moving_with_skin(
     return [
         None
         if given is None
-        else np.minimum(_agreement(given, skin.weights_below(each.vertices)) / POSED_CONTACT.agreement, 1)
+        else np.minimum(_agreement(given, skin.weights_below(each.vertices)) / BODY_WEIGHTS.agreement, 1)
         for each, given in zip(worn, weights, strict=True)
     ]
 

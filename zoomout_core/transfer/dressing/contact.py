@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple, Protocol, TypeAlias
 
 import numpy as np
@@ -20,6 +19,7 @@ from zoomout_core.geometry.sparse_solve import factorise
 from zoomout_core.maps.surface_map import interpolation_matrix
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_areas, unit_vectors, vertex_normals
+from zoomout_core.runtime.once import cached_property
 from zoomout_core.transfer.dressing.form import Form
 from zoomout_core.transfer.dressing.kept_parts import KeptParts
 from zoomout_core.tuning import Tuning, tuned
@@ -259,7 +259,6 @@ class Contact:
         self._sides = [_Side.of(barrier, probes, form) for barrier in barriers]
         self._areas = probes @ (form.areas / np.maximum(probes.sum(axis=0), SMALLEST))
         self._kept = KeptParts.of(form)
-        self._staying = screened_stiffness(form.areas, form.stiffness, CONTACT.spread)
 
     def push_out(
         self,
@@ -269,6 +268,7 @@ class Contact:
         margins: Margins,
         moving: Booleans | None = None,
         more: Sequence[Bounds] = (),
+        spread: float | None = None,
     ) -> tuple[Floats, int]:
         """Push the form smoothly out of barriers that it was outside of. Kept parts are displaced as a whole.
 
@@ -279,40 +279,50 @@ class Contact:
             margins: bounds of the distance from the skin that is kept.
             moving: (n,) the points that may be pushed; all soft ones if omitted.
             more: further bounds of the places to test.
+            spread: length over which a push is spread; `ContactTuning.spread` if omitted.
 
         Returns:
             (n, 3) positions, and the number of places that are still in the skin.
         """
-        probes, sides = self.probes, self._sides
+        probes, sides, length = self.probes, self._sides, CONTACT.spread if spread is None else spread
         if moving is not None:
             is_tested = (probes @ ~moving) == 0
             sides = [side.only(is_tested) for side in sides]
         now, growth = probes @ positions, probes @ growth
         bounds = [side.bounds(after, growth, margins, now) for side, after in zip(sides, barriers, strict=True)]
-        positions = positions.copy()
+        positions, staying = positions.copy(), screened_stiffness(self._form.areas, self._form.stiffness, length)
         for _ in range(CONTACT.rounds):
             which, pushes = _pushes([*bounds, *more], probes @ positions)
             if not len(which):
                 break
             touched = csr_array(probes[which])
-            free = self._around(np.unique(touched.indices))
+            free = self._around(np.unique(touched.indices), length)
             weights = CONTACT.firmness * self._areas[which]
-            positions[free] += self._displace(free, positions, touched[:, free], weights, pushes)
+            positions[free] += self._displace(
+                free, positions, staying[free][:, free], touched[:, free], weights, pushes
+            )
         return positions, bounds[0].count_inside(probes @ positions)
 
     def _displace(
-        self, free: Integers, positions: Floats, touched: csr_array, weights: Floats, pushes: Floats
+        self,
+        free: Integers,
+        positions: Floats,
+        staying: csc_array,
+        touched: csr_array,
+        weights: Floats,
+        pushes: Floats,
     ) -> Floats:
         """(f, 3) displacements of free points that push places, which a matrix (v, f) interpolates, by weights (v,).
 
         Args:
             free: numbers of the points, with whole kept parts.
             positions: (n, 3) positions of all points.
+            staying: (f, f) resistance of the free points to displacements.
             touched: (v, f) matrix that interpolates the pushed places.
             weights: (v,) of the pushes.
             pushes: (v, 3) how the places must move.
         """
-        staying, loads = self._staying[free][:, free], weights[:, None] * pushes
+        loads = weights[:, None] * pushes
         if not self._kept.weights[free].any():
             matrix = csc_array(staying + touched.T @ diags_array(weights) @ touched)
             return np.asarray(factorise(matrix).solve(np.asfortranarray(touched.T @ loads)))
@@ -325,10 +335,10 @@ class Contact:
         matrix += TURNING * matrix.diagonal().mean() * eye_array(matrix.shape[0])
         return motions.displace(factorise(csc_array(matrix)).solve(there.T @ loads.ravel()))
 
-    def _around(self, chosen: Integers) -> Integers:
-        """(f,) the points that a push at chosen ones reaches, with whole kept parts."""
+    def _around(self, chosen: Integers, spread: float) -> Integers:
+        """(f,) the points that a push at chosen ones reaches, spread over a length, with whole kept parts."""
         points, whole = self._form.rest, self._kept.with_whole_parts(chosen)
-        distance, _ = cKDTree(points[whole]).query(points, distance_upper_bound=PUSHED * CONTACT.spread)
+        distance, _ = cKDTree(points[whole]).query(points, distance_upper_bound=PUSHED * spread)
         return self._kept.with_whole_parts(np.flatnonzero(np.isfinite(distance)))
 
 

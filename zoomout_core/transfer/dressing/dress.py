@@ -39,7 +39,7 @@ from zoomout_core.transfer.dressing.following import Following, Motion
 from zoomout_core.transfer.dressing.form import Form, Lines, read_masks
 from zoomout_core.transfer.dressing.hair import hang
 from zoomout_core.transfer.dressing.kept_parts import KeptParts
-from zoomout_core.transfer.dressing.posed_contact import PosedBody, PosedBounds
+from zoomout_core.transfer.dressing.posed_contact import POSED_CONTACT, PosedBody, PosedBounds
 from zoomout_core.transfer.dressing.solid_parts import solid_parts, touching_points, with_solid_parts
 from zoomout_core.transfer.frames import turn_gradients
 from zoomout_core.transfer.rules import Match
@@ -350,12 +350,14 @@ class _Layer:
         else:
             if self.contact is None:
                 self.contact = Contact(form, fit.positions, barriers, self.points)
-            contact, after, more = self.contact, [barrier.after for barrier in barriers], list[Bounds]()
+            contact, after = self.contact, [barrier.after for barrier in barriers]
+            growth, more, spread = fit.motion.growth, list[Bounds](), None
             if posed is not None:
                 body, weights = posed
                 of_places = csr_array(contact.probes @ csr_array(weights)[form.first])
                 more.append(PosedBounds(contact.probes @ fit.positions, of_places, after[0], body))
-            fit.positions, stuck = contact.push_out(fit.positions, fit.motion.growth, after, margins, more=more)
+                spread = POSED_CONTACT.spread
+            fit.positions, stuck = contact.push_out(fit.positions, growth, after, margins, more=more, spread=spread)
         return stuck
 
     def as_barrier(self, skin: SidedSurface) -> Barrier:

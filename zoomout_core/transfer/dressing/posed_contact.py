@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Contact in poses: displace cloth at rest so that it stays outside the skin below it when bones rotate.
 
-Cloth and skin have different weights, so narrow gaps close in poses. Only places that move with the skin below them are
+Cloth and skin have different weights, so narrow gaps close in poses. Only places that stay near the skin below them are
 displaced. Where limbs touch, or where cloth hangs freely, no displacement at rest would help.
 """
 
@@ -23,17 +23,17 @@ from zoomout_core.tuning import Tuning, tuned
 
 @dataclass(frozen=True)
 class PosedContactTuning(Tuning, set_by="outfits"):
-    """Which places are kept outside the skin in poses.
+    """Which places are kept outside the skin in poses, and how smoothly.
 
     Attributes:
         near: maximum distance from the skin at rest, and maximum change of this distance in a pose.
         depth: maximum depth below the margin in a pose.
-        agreement: minimum share of the weights that a place has in common with the skin below it.
+        spread: length over which a push is spread. Poses push in patches, whose borders would be visible at rest.
     """
 
     near: float = tuned(0.02, "at unit area", 0, 1)
     depth: float = tuned(0.004, "at unit area", 0, 1)
-    agreement: float = tuned(0.5, "1", 0, 1)
+    spread: float = tuned(0.045, "at unit area", 1e-6, 1)
 
 
 POSED_CONTACT = PosedContactTuning()
@@ -73,10 +73,9 @@ class PosedBounds:
             interpolation_matrix(skin.triangles[triangle[near]], barycentric[near], len(skin.vertices)),
         )
         off = np.einsum("px,px->p", places[which] - below @ skin.vertices, unit_vectors(below @ skin.normals))
-        common = np.asarray(weights[which].minimum(csr_array(below @ body.weights)).sum(axis=1)).ravel()
         # Beside a border of the skin, the side is not known.
         above = off >= CONTACT.facing * distance[near]
-        follows = np.flatnonzero((common >= POSED_CONTACT.agreement) & above & (off > 0))
+        follows = np.flatnonzero(above & (off > 0))
         self._which, below = which[follows], below[follows]
         self._margin = np.minimum(off[follows], CONTACT.min_margin)
         self._poses = list[_Pose]()

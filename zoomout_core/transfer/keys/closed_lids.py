@@ -15,7 +15,6 @@ from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Floats, Integers, row_norms
 from zoomout_core.geometry.screened_smoothing import ScreenedSmoothing
-from zoomout_core.mesh.surface import MeshError
 from zoomout_core.mesh.triangles import unit_vectors, vertex_areas
 from zoomout_core.transfer.attribute import Attribute
 from zoomout_core.transfer.frames import Frames, on_working_mesh, without_sums
@@ -24,9 +23,9 @@ from zoomout_core.transfer.keys.face_landmarks import (
     BLINK_RIGHT,
     KEYS,
     TOUCHING,
+    FaceSlits,
     are_parted,
     find_keys,
-    find_slits,
 )
 
 # Share of the gap that is closed. Head models add the same offsets to all persons, so that even true blinks leave a gap
@@ -101,18 +100,14 @@ class _Lids:
         return np.where(self.moves, extended[nearest], 0)
 
 
-def close_lids(carried: Floats, keys: Attribute, frames: Frames) -> tuple[str, ...]:
-    """Close lids of a target under its keys (n_t, keys, 3), which change in place, by those of the source.
+def close_lids(carried: Floats, keys: Attribute, face: FaceSlits, frames: Frames) -> tuple[str, ...]:
+    """Close lids of a target under its keys (n_t, keys, 3), which change in place, by those of the source's face.
 
     Returns:
         Names of the keys that leave lids farther apart than on the source, by more than `MAX_GAP` on average.
     """
     source = frames.mapped.source
-    try:
-        _, slits, own = find_slits(source, keys)
-    except MeshError:
-        return ()
-    rims = [source.vertices[own[np.concatenate(slits[use])]] for use in (BLINK_LEFT, BLINK_RIGHT)]
+    rims = [source.vertices[face.vertices[np.concatenate(face.slits[use])]] for use in (BLINK_LEFT, BLINK_RIGHT)]
     if not all(len(rim) for rim in rims):
         return ()
     size = float(np.linalg.norm(rims[0].mean(axis=0) - rims[1].mean(axis=0)))

@@ -83,22 +83,31 @@ def find_eye_opening(vertices: Floats, triangles: Integers, centre: Floats, head
     return EyeOpening(view.across[columns], upper, lower, closed[columns, (first + last) // 2])
 
 
-def match_rims(vertices: Floats, here: EyeOpening, there: EyeOpening, head: HeadDirections) -> tuple[Integers, Floats]:
+def match_rims(
+    vertices: Floats, displacement: Floats, here: EyeOpening, there: EyeOpening, inner: int, head: HeadDirections
+) -> tuple[Integers, Floats]:
     """The vertices (r,) of a face (n, 3) on the rims of one opening, and the shifts (r, 3) to the rims of another one.
 
-    The shifts are perpendicular to the direction forward. Both arrays are empty if the areas of the openings differ too
+    Takes a first displacement (n, 3), and the column at the inner corner of an eye: the first, 0, or the last, -1. The
+    shifts are perpendicular to the direction forward. Both arrays are empty if the areas of the openings differ too
     much.
     """
     if not 1 / MAX_RATIO < there.area / here.area < MAX_RATIO:
         return np.empty(0, dtype=np.int64), np.empty((0, 3))
     across, height, depth = (vertices @ axis for axis in (head.left, head.up, head.forward))
     is_upper, rim = height > here.middle_at(across), RIM * head.size
-    (first, last), (begin, end) = (opening.across[[0, -1]] for opening in (here, there))
-    on_rim = (across > first - rim) & (across < last + rim)
+    own_ends, other_ends = (opening.across[[0, -1]] for opening in (here, there))
+    on_rim = (across > own_ends[0] - rim) & (across < own_ends[1] + rim)
     on_rim &= np.abs(height - here.rim_at(across, is_upper)) < rim
     on_rim &= np.abs(depth - np.interp(across, here.across, here.depth)) < 2 * rim
     chosen = np.flatnonzero(on_rim)
-    share = np.clip((across[chosen] - first) / (last - first), 0, 1)
-    own, other = first + share * (last - first), begin + share * (end - begin)
+    at_inner = chosen[np.abs(across[chosen] - own_ends[inner]) < rim]
+    if len(at_inner):
+        # The socket is shallow beside the nose, so that openings of two persons end at different places there. The
+        # displacement is no less exact, and its errors are independent.
+        moved = own_ends[inner] + displacement[at_inner].mean(axis=0) @ head.left
+        other_ends[inner] = (other_ends[inner] + moved) / 2
+    share = np.clip((across[chosen] - own_ends[0]) / np.ptp(own_ends), 0, 1)
+    own, other = (ends[0] + share * (ends[1] - ends[0]) for ends in (own_ends, other_ends))
     rise = there.rim_at(other, is_upper[chosen]) - here.rim_at(own, is_upper[chosen])
     return chosen, (other - own)[:, None] * head.left + rise[:, None] * head.up

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -23,6 +22,7 @@ from zoomout_core.geometry.procrustes import SMALLEST
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.mesh.triangles import edge_graph, vertex_areas
 from zoomout_core.mesh.working_mesh import WorkingMesh
+from zoomout_core.runtime.once import cached_property
 from zoomout_core.transfer.attribute import Attribute
 from zoomout_core.transfer.frames import on_working_mesh
 from zoomout_core.transfer.keys.head_directions import HeadDirections
@@ -129,6 +129,14 @@ class FaceSkin:
         return np.asarray(row_norms(self.vertices - place) < distance * self.size)
 
 
+class FaceSlits(NamedTuple):
+    """The skin of a head with its slits, one for each expression of `KEYS`."""
+
+    skin: FaceSkin
+    slits: dict[str, Slit]  # empty ones if an expression does not open or close anything
+    vertices: Integers  # (n,) the surface's vertices of the skin
+
+
 def propose_face_landmarks(surface: Surface, keys: Attribute) -> dict[str, int]:
     """Find the landmarks of a head by its expression keys.
 
@@ -168,10 +176,8 @@ def propose_face_landmarks(surface: Surface, keys: Attribute) -> dict[str, int]:
     return dict(zip(FACE_LANDMARKS, own[list(vertices)].tolist(), strict=True))
 
 
-def find_slits(surface: Surface, keys: Attribute) -> tuple[FaceSkin, dict[str, Slit], Integers]:
-    """The skin of a head, the slits that `KEYS` open or close, and (n,) the surface's vertices of the skin.
-
-    A slit is empty if an expression does not open or close anything.
+def find_slits(surface: Surface, keys: Attribute) -> FaceSlits:
+    """The skin of a head, and the slits that its keys open or close.
 
     Raises:
         MeshError: the keys lack an expression.
@@ -188,7 +194,7 @@ def find_slits(surface: Surface, keys: Attribute) -> tuple[FaceSkin, dict[str, S
         BLINK_RIGHT: skin.find_slit(rest + found[BLINK_RIGHT], rest),
         OPEN_MOUTH: skin.find_slit(rest, rest + found[OPEN_MOUTH]),
     }
-    return skin, slits, on_working_mesh(mesh, np.arange(len(surface.vertices)))
+    return FaceSlits(skin, slits, on_working_mesh(mesh, np.arange(len(surface.vertices))))
 
 
 def are_parted(near: Floats, far: Floats, most: float) -> Booleans:

@@ -11,13 +11,14 @@ where L is the stiffness, A the areas, q the closest points with similar normals
 surface less than those across it (Chen and Medioni 1992). Normals distinguish lips and lids whose surfaces face
 each other. Closest points slide along the rims of lids and lips. Rims that are visible from the front are therefore
 also attracted by those of the target's eyes and mouth.
+
+Other parts that keys move are registered by themselves, such as gums with a tongue. Lashes follow the skin instead.
 """
 
 from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from scipy.sparse import csc_array, csr_array, diags_array
@@ -31,10 +32,12 @@ from zoomout_core.geometry.sparse_solve import factorise
 from zoomout_core.maps.surface_map import SurfaceMap, interpolation_matrix
 from zoomout_core.mesh.triangles import unit_vectors, vertex_areas, vertex_normals
 from zoomout_core.mesh.working_mesh import WorkingMesh
+from zoomout_core.runtime.once import cached_property
 from zoomout_core.spectral.laplacian import mesh_laplacian
 from zoomout_core.transfer.frames import on_working_mesh
 from zoomout_core.transfer.keys.eye_openings import find_eye_opening, match_rims
 from zoomout_core.transfer.keys.head_directions import HeadDirections
+from zoomout_core.transfer.keys.lash_images import attach_lashes
 from zoomout_core.transfer.keys.mouth_line import find_lips, find_mouth_line, match_lips
 from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.tuning import Tuning, tuned
@@ -85,58 +88,55 @@ MIN_REGISTERED = 0.8
 
 
 def register_face(offsets: Floats, expressions: list[Floats], mapped: MappedTarget) -> MappedTarget:
-    """The target with a map that is more exact on the face.
+    """The target with a map that is more exact on the face, and on parts that keys move: lashes, gums and tongue.
 
-    Takes the offsets (n_s, keys, 3) of all keys of a head, and those of its `find_expressions`. The map is kept where
-    the registration fails, and outside the face.
+    Takes the offsets (n_s, keys, 3) of all keys of a head, and those of its `find_expressions`. These distinguish the
+    skin from other parts. The map is kept where a registration fails, and outside the face.
     """
-    face = _Face.of(offsets, expressions, mapped)
+    source = mapped.source.working
+    motion = on_working_mesh(source, np.sqrt(np.einsum("nkx,nkx->nk", offsets, offsets).max(axis=1)))
+    moved = motion > FACE_REGISTRATION.moved * motion.max()
+    most = on_working_mesh(source, np.sum([row_norms(each) for each in expressions], axis=0))
+    skin = int(np.argmax(np.bincount(source.component, most)))
+    face = _Piece.of(moved, skin, mapped)
     if face is None:
         return mapped
-    triangle, barycentric, found = face.locate(face.register())
-    if face.areas @ found < MIN_REGISTERED * face.areas.sum():
+    registered = face.replace_images(mapped, face.register(_Face.of(face, expressions).match_rims()))
+    if registered is None:
         return mapped
-    number = np.full(len(mapped.target.working.vertices), -1)
-    number[face.vertices[found]] = np.flatnonzero(found)
-    vertex_of = mapped.target.working.vertex_of
-    at = np.where(vertex_of >= 0, number[vertex_of], -1)
-    changed = np.flatnonzero(at >= 0)
-    old = mapped.surface_map
-    triangles, weights = old.triangle.copy(), old.barycentric.copy()
-    triangles[changed], weights[changed] = face.mesh.triangle_of[triangle[at[changed]]], barycentric[at[changed]]
-    return replace(mapped, surface_map=SurfaceMap(triangles, weights, old.source_triangles))
+    blinks = on_working_mesh(source, np.maximum(*(row_norms(each) for each in expressions[:2])))
+    closing = blinks > FACE_REGISTRATION.moved * blinks.max()
+    counts = np.bincount(source.component[moved & ~np.isin(source.component, source.component[closing])])
+    for component in np.flatnonzero(counts >= MIN_VERTICES):
+        piece = _Piece.of(moved, int(component), mapped)
+        if piece is not None:
+            registered = piece.replace_images(registered, piece.register(_Pins.none(piece.mesh))) or registered
+    return attach_lashes(closing, skin, registered)
 
 
 @dataclass(frozen=True, eq=False)
-class _Face:
-    """The source's face, and the part of the target that is mapped to it, in the face's coordinates."""
+class _Piece:
+    """A part of the source around what keys move, and the part of the target that is mapped to it.
+
+    Both are in the coordinates of the source's part.
+    """
 
     mesh: WorkingMesh  # n vertices, of unit area
     vertices: Integers  # (t,) vertices of the target's working mesh
     places: Floats  # (t, 3) their positions
     triangles: Integers  # (m, 3) between them, wound outwards
-    images: csr_array  # (t, n) interpolates from the face to the map's images
-    eyes: tuple[Floats, Floats]  # (3,) the middles of the left and of the right lids
-    jaw: Floats  # (3,) the middle of the jaw
-    opens: Floats  # (n,) lengths of the motion that opens the mouth
-    head: HeadDirections
+    images: csr_array  # (t, n) interpolates from the source's part to the map's images
 
     @classmethod
-    def of(cls, offsets: Floats, expressions: list[Floats], mapped: MappedTarget) -> _Face | None:
-        """The face that keys (n_s, keys, 3) move; None if it is too coarse.
-
-        The expressions (n_s, 3) distinguish the skin from other parts.
-        """
+    def of(cls, moved: Booleans, component: int, mapped: MappedTarget) -> _Piece | None:
+        """The surroundings of the moved vertices, of all (n_s,), in a component; None if they are too coarse."""
         source, target = mapped.source.working, mapped.target.working
-        motion = on_working_mesh(source, np.sqrt(np.einsum("nkx,nkx->nk", offsets, offsets).max(axis=1)))
-        moved = motion > FACE_REGISTRATION.moved * motion.max()
-        most = on_working_mesh(source, np.sum([row_norms(each) for each in expressions], axis=0))
-        skin = source.component == np.argmax(np.bincount(source.component, most))
-        moved &= skin
+        inside = source.component == component
+        moved = moved & inside
         if not moved.any():
             return None
         reach = MARGIN * np.sqrt(vertex_areas(source.vertices, source.triangles)[moved].sum())
-        inside = skin & (cKDTree(source.vertices[moved]).query(source.vertices, distance_upper_bound=reach)[0] < reach)
+        inside &= cKDTree(source.vertices[moved]).query(source.vertices, distance_upper_bound=reach)[0] < reach
         if not inside[source.triangles].all(axis=1).any():
             return None
         mesh, _ = source.piece(inside)
@@ -155,11 +155,22 @@ class _Face:
         images = interpolation_matrix(mesh.triangles[image[vertices]], weights[vertices], len(mesh.vertices))
         own = target.vertices[vertices]
         places = procrustes(own, images @ mesh.vertices)(own)
-        triangles = renumbered[target.oriented_triangles[kept]]
-        left, right, jaw = _middles(mesh, expressions)
-        opens = on_working_mesh(mesh, row_norms(expressions[-1]))
-        head = HeadDirections.of(left, right, jaw)
-        return cls(mesh, vertices, places, triangles, images, (left, right), jaw, opens, head)
+        return cls(mesh, vertices, places, renumbered[target.oriented_triangles[kept]], images)
+
+    def replace_images(self, mapped: MappedTarget, moved: Floats) -> MappedTarget | None:
+        """The target with images on the source's part with moved vertices (n, 3); None if these differ too much."""
+        triangle, barycentric, found = self.locate(moved)
+        if self.areas @ found < MIN_REGISTERED * self.areas.sum():
+            return None
+        number = np.full(len(mapped.target.working.vertices), -1)
+        number[self.vertices[found]] = np.flatnonzero(found)
+        vertex_of = mapped.target.working.vertex_of
+        at = np.where(vertex_of >= 0, number[vertex_of], -1)
+        changed = np.flatnonzero(at >= 0)
+        old = mapped.surface_map
+        triangles, weights = old.triangle.copy(), old.barycentric.copy()
+        triangles[changed], weights[changed] = self.mesh.triangle_of[triangle[at[changed]]], barycentric[at[changed]]
+        return replace(mapped, surface_map=SurfaceMap(triangles, weights, old.source_triangles))
 
     @cached_property
     def normals(self) -> Floats:
@@ -171,18 +182,28 @@ class _Face:
         """Areas (t,) of the target's vertices."""
         return vertex_areas(self.places, self.triangles)
 
-    def register(self) -> Floats:
-        """Positions (n, 3) of the face's vertices on the target."""
-        mesh = self.mesh
-        stiffness, areas = mesh_laplacian(mesh.vertices, mesh.triangles)
+    @cached_property
+    def _energy_and_areas(self) -> tuple[csc_array, Floats]:
+        """(n, n) the bending energy of the source's part, and (n,) areas of its vertices."""
+        stiffness, areas = mesh_laplacian(self.mesh.vertices, self.mesh.triangles)
         areas = np.maximum(areas, 1e-3 * areas.mean())  # bounds the energy of slivers
-        energy = csc_array(stiffness @ diags_array(1 / areas) @ stiffness)
+        return csc_array(stiffness @ diags_array(1 / areas) @ stiffness), areas
+
+    @cached_property
+    def first_displacement(self) -> Floats:
+        """The smooth displacement (n, 3) that the map implies."""
+        missed = self.places - self.images @ self.mesh.vertices
+        weighted = csc_array(self.images.T @ diags_array(self.areas))
+        bending = FACE_REGISTRATION.first_bending * self._energy_and_areas[0]
+        factors = factorise(csc_array(bending + weighted @ self.images))
+        return np.asarray(factors.solve(np.asfortranarray(weighted @ missed)))
+
+    def register(self, pins: _Pins) -> Floats:
+        """Positions (n, 3) of the vertices on the target."""
+        mesh, displacement = self.mesh, self.first_displacement
+        energy, areas = self._energy_and_areas
         unflipped = np.zeros(len(self.triangles), dtype=bool)
         there = OrientedSurface(self.places, self.triangles, unflipped, FACE_REGISTRATION.normal_weight)
-        displacement = self._first_displacement(energy)
-        lids, lips = self._match_lids(displacement), self._match_mouth(displacement)
-        rims, shifts = (np.concatenate(each) for each in zip(lids, lips, strict=True))
-        pins = _Pins.of(rims, shifts, mesh.vertices, areas.mean(), self.head.forward)
         for factor, rounds in Counter(FACE_REGISTRATION.bending).items():
             bending = csc_array(factor * energy)
             factors = factorise(csc_array(bending + diags_array(areas / 2 + pins.weight)))
@@ -217,32 +238,51 @@ class _Face:
         change = row_norms(np.einsum("tc,tcx->tx", weights, mesh.vertices[corners]) - self.images @ mesh.vertices)
         return triangle, weights, agree & (distance < NEAR) & (change < MAX_CHANGE)
 
-    def _match_lids(self, displacement: Floats) -> tuple[Integers, Floats]:
-        """The vertices (r,) on the rims of the lids, and their shifts (r, 3) to those of the target.
 
-        A first displacement (n, 3) locates the target's eyes.
-        """
-        vertices, head = self.mesh.vertices, self.head
+@dataclass(frozen=True, eq=False)
+class _Face:
+    """The rims of lids and lips of a face of n vertices."""
+
+    piece: _Piece
+    eyes: tuple[Floats, Floats]  # (3,) the middles of the left and of the right lids
+    jaw: Floats  # (3,) the middle of the jaw
+    opens: Floats  # (n,) lengths of the motion that opens the mouth
+    head: HeadDirections
+
+    @classmethod
+    def of(cls, piece: _Piece, expressions: list[Floats]) -> _Face:
+        """The rims of the source's skin, from its expressions (n_s, 3)."""
+        left, right, jaw = _middles(piece.mesh, expressions)
+        opens = on_working_mesh(piece.mesh, row_norms(expressions[-1]))
+        return cls(piece, (left, right), jaw, opens, HeadDirections.of(left, right, jaw))
+
+    def match_rims(self) -> _Pins:
+        """Attract the rims of lids and lips by those of the target."""
+        rims, shifts = (np.concatenate(each) for each in zip(self._match_lids(), self._match_mouth(), strict=True))
+        return _Pins.of(rims, shifts, self.piece.mesh, self.head.forward)
+
+    def _match_lids(self) -> tuple[Integers, Floats]:
+        """The vertices (r,) on the rims of the lids, and their shifts (r, 3) to those of the target."""
+        piece, head, displacement = self.piece, self.head, self.piece.first_displacement
+        vertices = piece.mesh.vertices
         chosen, shifts = [np.empty(0, dtype=np.int64)], [np.empty((0, 3))]
-        for eye in self.eyes:
+        for eye, inner in zip(self.eyes, (0, -1), strict=True):
             near = row_norms(vertices - eye) < NEAR_EYE * head.size
-            here = find_eye_opening(vertices, self.mesh.triangles, eye, head)
+            here = find_eye_opening(vertices, piece.mesh.triangles, eye, head)
             if here is None or not near.any():
                 continue
             moved = eye + displacement[near].mean(axis=0)
-            there = find_eye_opening(self.places, self.triangles, moved, head)
+            there = find_eye_opening(piece.places, piece.triangles, moved, head)
             if there is not None:
-                rim, shift = match_rims(vertices, here, there, head)
+                rim, shift = match_rims(vertices, displacement, here, there, inner, head)
                 chosen.append(rim)
                 shifts.append(shift)
         return np.concatenate(chosen), np.concatenate(shifts)
 
-    def _match_mouth(self, displacement: Floats) -> tuple[Integers, Floats]:
-        """The vertices (r,) along the line between the lips, and their shifts (r, 3) to that of the target.
-
-        A first displacement (n, 3) locates the target's mouth.
-        """
-        vertices, head, triangles = self.mesh.vertices, self.head, self.mesh.triangles
+    def _match_mouth(self) -> tuple[Integers, Floats]:
+        """The vertices (r,) along the line between the lips, and their shifts (r, 3) to that of the target."""
+        piece, head = self.piece, self.head
+        vertices, triangles = piece.mesh.vertices, piece.mesh.triangles
         none = np.empty(0, dtype=np.int64), np.empty((0, 3))
         middle = find_lips(vertices, triangles, self.opens, ((self.eyes[0] + self.eyes[1]) / 2, self.jaw), head)
         if middle is None:
@@ -251,18 +291,12 @@ class _Face:
         if not near.any():  # lips that are wide apart
             return none
         here = find_mouth_line(vertices, triangles, middle, head)
-        there = find_mouth_line(self.places, self.triangles, middle + displacement[near].mean(axis=0), head)
+        moved = middle + piece.first_displacement[near].mean(axis=0)
+        there = find_mouth_line(piece.places, piece.triangles, moved, head)
         if here is None or there is None:
             return none
         is_upper = self.opens < self.opens[near].max() / 2
         return match_lips(vertices, is_upper, here, there, head)
-
-    def _first_displacement(self, energy: csc_array) -> Floats:
-        """The smooth displacement (n, 3) that the map implies."""
-        missed = self.places - self.images @ self.mesh.vertices
-        weighted = csc_array(self.images.T @ diags_array(self.areas))
-        factors = factorise(csc_array(FACE_REGISTRATION.first_bending * energy + weighted @ self.images))
-        return np.asarray(factors.solve(np.asfortranarray(weighted @ missed)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -274,12 +308,17 @@ class _Pins:
     direction: Floats  # (3,)
 
     @classmethod
-    def of(cls, chosen: Integers, shifts: Floats, vertices: Floats, area: float, direction: Floats) -> _Pins:
-        """Attract vertices (c,), among positions (n, 3), by their positions after shifts (c, 3)."""
-        weight, goals = np.zeros(len(vertices)), vertices.copy()
-        weight[chosen] = FACE_REGISTRATION.rim_weight * area
+    def of(cls, chosen: Integers, shifts: Floats, mesh: WorkingMesh, direction: Floats) -> _Pins:
+        """Attract some vertices (c,) of a mesh by their positions after shifts (c, 3)."""
+        weight, goals = np.zeros(len(mesh.vertices)), mesh.vertices.copy()
+        weight[chosen] = FACE_REGISTRATION.rim_weight / len(mesh.vertices)  # the mesh is of unit area
         goals[chosen] += shifts
         return cls(weight, goals, direction)
+
+    @classmethod
+    def none(cls, mesh: WorkingMesh) -> _Pins:
+        """Attract no vertices of a mesh."""
+        return cls.of(np.empty(0, dtype=np.int64), np.empty((0, 3)), mesh, np.zeros(3))
 
     def of_values(self, values: Floats) -> Floats:
         """The product (n, 3) of the quadratic form with values (n, 3)."""

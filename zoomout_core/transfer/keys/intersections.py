@@ -5,14 +5,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property, reduce
+from functools import reduce
 
 import numpy as np
 import scipy
 
 from zoomout_core.arrays import Booleans, Floats, Integers, row_norms, take_rows
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.mesh.triangles import triangle_normals
+from zoomout_core.mesh.triangles import at_any, triangle_normals, widen
+from zoomout_core.runtime.once import cached_property
 
 # Takes positions (n, 3), triangles (m, 3), chosen ones (c,), ascending, and others (o,). Finds each pair (p, 2) of
 # triangles that intersect once: two chosen ones, or a chosen one and one of the others. Neighbours may be included.
@@ -56,7 +57,7 @@ class Intersections:
         found = np.zeros(len(self.target.vertices), dtype=bool)
         triangles, length = self.target.triangles, row_norms(of_target)
         largest = float(length.max(initial=0))
-        moving = _at_any(length > STILL * largest, triangles)
+        moving = at_any(length > STILL * largest, triangles)
         if not moving.any():
             return found
         for strength in STRENGTHS:
@@ -89,7 +90,7 @@ class Intersections:
         vertices, triangles = self.target.vertices, self.target.triangles
         pairs = self._pairs(vertices, triangles, np.ones(len(triangles), dtype=bool))
         pairs = _without_neighbours(pairs, triangles, vertices)
-        return _widen(np.isin(np.arange(len(vertices)), triangles[pairs]), triangles)
+        return widen(np.isin(np.arange(len(vertices)), triangles[pairs]), triangles)
 
     def _intersecting_images(self, posed: Floats, corners: Integers) -> Booleans:
         """A mask (n_t,) of vertices whose images are at or beside intersecting faces of the posed source.
@@ -99,10 +100,10 @@ class Intersections:
         triangles = self.source.triangles
         images = self.images[np.unique(corners)]
         around = np.isin(np.arange(len(posed)), images[images[:, 0] >= 0])
-        around = _widen(_widen(around, triangles), triangles)
+        around = widen(widen(around, triangles), triangles)
         pairs = self._pairs(posed, triangles, around[triangles].all(axis=1))
         pairs = _without_neighbours(pairs, triangles, self.source.vertices)
-        intersecting = _widen(np.isin(np.arange(len(posed)), triangles[pairs]), triangles)
+        intersecting = widen(np.isin(np.arange(len(posed)), triangles[pairs]), triangles)
         return intersecting[self.images].any(axis=1)
 
 
@@ -124,17 +125,12 @@ def _are_near(posed: Floats, triangles: Integers, chosen: Booleans) -> Booleans:
     inside = np.flatnonzero(reduce(np.logical_and, ((cells >= 0) & (cells < shape)).T))
     reached = np.zeros(len(posed), dtype=bool)
     reached[inside] = occupied[tuple(cells[inside].T)] > 0
-    return near & _at_any(reached, triangles) & ~chosen
-
-
-def _at_any(chosen: Booleans, triangles: Integers) -> Booleans:
-    """A mask (m,) of the triangles (m, 3) with a corner among some vertices (n,)."""
-    return np.asarray(reduce(np.logical_or, [chosen[corner] for corner in triangles.T]))
+    return near & at_any(reached, triangles) & ~chosen
 
 
 def _without(pairs: Integers, triangles: Integers, known: Booleans) -> Integers:
     """Exclude pairs (p, 2) of triangles that are both at known vertices (n,)."""
-    return pairs[~_at_any(known, triangles)[pairs].all(axis=1)]
+    return pairs[~at_any(known, triangles)[pairs].all(axis=1)]
 
 
 def _without_neighbours(pairs: Integers, triangles: Integers, vertices: Floats) -> Integers:
@@ -155,10 +151,3 @@ def _depths_below(posed: Floats, triangles: Integers, others: Integers) -> Float
     """Distances (p,) that each triangle (p, 3) must move along another one's normal to be on one side of it."""
     heights = np.einsum("pcx,px->pc", posed[triangles] - posed[others[:, :1]], triangle_normals(posed, others))
     return np.minimum(heights.max(axis=1), -heights.min(axis=1))
-
-
-def _widen(chosen: Booleans, triangles: Integers) -> Booleans:
-    """Some vertices (n,), and those that share a triangle with them."""
-    wider = chosen.copy()
-    wider[triangles[_at_any(chosen, triangles)]] = True
-    return wider

@@ -5,19 +5,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from zoomout_core.arrays import row_norms
+from zoomout_core.arrays import Floats, row_norms
 from zoomout_core.geometry.procrustes import SMALLEST
-from zoomout_core.mesh.surface import MeshError
 from zoomout_core.mesh.triangles import components, unique_edges
-from zoomout_core.transfer.attribute import Attribute
 from zoomout_core.transfer.frames import on_working_mesh
-from zoomout_core.transfer.keys.face_landmarks import (
-    KEYS,
-    OPEN_MOUTH,
-    are_parted,
-    find_offsets,
-    propose_face_landmarks,
-)
+from zoomout_core.transfer.keys.face_landmarks import OPEN_MOUTH, FaceSlits, are_parted
 from zoomout_core.transfer.mapped_target import MappedTarget
 
 # Lips are joined if edges connect them along this share of the mouth's width. On 13 heads with separate lips, errors of
@@ -25,25 +17,22 @@ from zoomout_core.transfer.mapped_target import MappedTarget
 JOINED = 0.55
 
 
-def has_joined_lips(keys: Attribute, mapped: MappedTarget) -> bool:
-    """Whether edges of the target connect lips that a key of the source separates; false if no such key is known."""
-    target = mapped.target.working
-    try:
-        offsets = find_offsets(keys, KEYS[OPEN_MOUTH])
-        edges, _ = unique_edges(target.triangles)
-        closed, opened = (
-            on_working_mesh(target, mapped.surface_map.interpolate(shape))
-            for shape in (mapped.source.vertices, mapped.source.vertices + offsets)
-        )
-        near, far = (row_norms(shape[edges[:, 0]] - shape[edges[:, 1]]) for shape in (closed, opened))
-        parted = edges[are_parted(near, far, float(row_norms(offsets).max(initial=0)))]
-        if not len(parted):
-            return False
-        marks = propose_face_landmarks(mapped.source, keys)
-    except MeshError:
+def has_joined_lips(opens: Floats, face: FaceSlits, mapped: MappedTarget) -> bool:
+    """Whether edges of the target connect lips of the source's face, which a key (n_s, 3) separates."""
+    target, skin, mouth = mapped.target.working, face.skin, face.slits[OPEN_MOUTH]
+    if not len(mouth.upper):
         return False
-    corners = mapped.source.vertices[[marks["Left Mouth Corner"], marks["Right Mouth Corner"]]]
-    across = corners[0] - corners[1]
+    edges, _ = unique_edges(target.triangles)
+    closed, opened = (
+        on_working_mesh(target, mapped.surface_map.interpolate(shape))
+        for shape in (mapped.source.vertices, mapped.source.vertices + opens)
+    )
+    near, far = (row_norms(shape[edges[:, 0]] - shape[edges[:, 1]]) for shape in (closed, opened))
+    parted = edges[are_parted(near, far, float(row_norms(opens).max(initial=0)))]
+    if not len(parted):
+        return False
+    left, right = (face.vertices[skin.find_corner(mouth, side)] for side in (skin.left, -skin.left))
+    across = mapped.source.vertices[left] - mapped.source.vertices[right]
     along = closed @ across / max(float(across @ across), SMALLEST)
     beside = np.zeros(len(closed), dtype=bool)
     beside[parted] = True

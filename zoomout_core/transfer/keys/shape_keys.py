@@ -27,6 +27,7 @@ from zoomout_core.runtime.threads import for_each
 from zoomout_core.transfer.attribute import Attribute
 from zoomout_core.transfer.frames import (
     FULL_CONFIDENCE,
+    MIN_TRUST,
     Frames,
     frames_of,
     frames_on,
@@ -35,7 +36,7 @@ from zoomout_core.transfer.frames import (
     without_sums,
 )
 from zoomout_core.transfer.keys.closed_lids import close_lids
-from zoomout_core.transfer.keys.face_landmarks import find_expressions
+from zoomout_core.transfer.keys.face_landmarks import find_expressions, find_slits
 from zoomout_core.transfer.keys.face_registration import register_face
 from zoomout_core.transfer.keys.joined_lips import has_joined_lips
 from zoomout_core.transfer.keys.rigid_keys import move_rigid_parts
@@ -60,6 +61,9 @@ class ShapeKeyTuning(Tuning, set_by="faces"):
 
 SHAPE_KEYS = ShapeKeyTuning()
 
+# Power of the trust that weights offsets. Edges are weighted by the trust in both ends, about its square, so that a
+# higher power leaves doubtful offsets to their surroundings; a lower one leaves them to a wrong map.
+OFFSET_POWER = 3
 # Keys that are solved together: more need more memory, and are slower.
 KEYS_AT_ONCE = 5
 # Shorter offsets are noise and are set to zero: lengths relative to the longest offset of the key, and at unit area.
@@ -78,7 +82,7 @@ def carry_offsets(attribute: Attribute, mapped: MappedTarget) -> Attribute:
 
     The source's vertices must be those before keys: the rest shape, if the source is posed after keys are applied.
     Offsets rotate and scale with the target's shape. Vertices where a key does not move the source stay exactly in
-    place. Vertices without confidence follow their surroundings; those with little follow the map, as all others do.
+    place. The lower the confidence, the larger the surroundings that a vertex follows instead of the map.
     Loose parts that a key moves rigidly on the source also move rigidly on the target.
     """
     offsets = without_noise(np.asarray(attribute.values), mapped.source.area)
@@ -101,7 +105,8 @@ def carry_offsets(attribute: Attribute, mapped: MappedTarget) -> Attribute:
         carried[:, some] = carrier.carry(offsets[:, some].astype(np.float64) / growth)
 
     for_each(carry, range(0, offsets.shape[1], KEYS_AT_ONCE))
-    open_blinks = () if expressions is None else close_lids(carried, attribute, frames)
+    face = None if expressions is None else find_slits(mapped.source, attribute)
+    open_blinks = () if face is None else close_lids(carried, attribute, face, frames)
     move_rigid_parts(carried, offsets, frames, other_person)
     uncertain = int((carried.any(axis=(1, 2)) & doubtful).sum())
     notes = attribute.notes
@@ -109,7 +114,7 @@ def carry_offsets(attribute: Attribute, mapped: MappedTarget) -> Attribute:
         notes += (message("Shape keys are uncertain at {count:,} doubtful vertices: check these.", count=uncertain),)
     if open_blinks:
         notes += (message("Eyelids close less than on the source: {keys}.", keys=", ".join(open_blinks)),)
-    if has_joined_lips(attribute, mapped):
+    if expressions is not None and face is not None and has_joined_lips(expressions[-1], face, mapped):
         notes += (warning(JOINED_LIPS),)
     return replace(attribute, values=carried, notes=notes)
 
@@ -184,7 +189,7 @@ class _Carrier:
             gradient_matrices(source.vertices, source.triangles),
             divergence_matrices(stiffness, steps - share[:, None] * turned),
             ScreenedSmoothing.of(
-                frames.trust * frames.areas,
+                np.maximum(frames.trust**OFFSET_POWER, MIN_TRUST) * frames.areas,
                 frames.trusted_stiffness + frames.doubted_stiffness,
                 SHAPE_KEYS.smoothing_length,
             ),

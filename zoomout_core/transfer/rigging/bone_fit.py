@@ -74,6 +74,7 @@ class Pose:
     transforms: Similarities  # (b,) from rest to the pose, of one scale; bones without weights follow an ancestor
     common: Similarities  # the best single similarity, of the same scale
     bend: float  # mean angle between their rotations and their mean, in degrees, weighted by the area that bones move
+    same_axes: bool = False  # whether the bones have the directions of the rest pose, so that rotations are of a build
 
     @property
     def scale(self) -> float:
@@ -83,7 +84,7 @@ class Pose:
     @property
     def is_rest(self) -> bool:
         """Whether this is the rest pose, up to a similarity."""
-        return self.bend <= BONES.same_pose
+        return self.same_axes or self.bend <= BONES.same_pose
 
 
 def estimate_pose(

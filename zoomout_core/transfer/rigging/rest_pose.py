@@ -6,7 +6,8 @@ the source at rest, and bones are fitted along normals. Then errors of the map a
 limbs, no longer matter. Free bones also bend and shift another body until it nearly fits, but never as well as the same
 body. Bones of another body are coupled, and fitted to the map alone. Where the map is wrong, such as below clothes, it
 would bend bones of a target that is at rest. A target is at rest if one similarity fits it to the source at rest as
-well as all bones do.
+well as all bones do. Bones rotate as well to fit another build, such as a wider one; but then their axes, which end at
+joints inside the body, keep their directions.
 """
 
 from __future__ import annotations
@@ -15,14 +16,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.sparse import csr_array
+from scipy.sparse import csr_array, diags_array
+from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.geometry.closest_points import SurfaceSearch
-from zoomout_core.geometry.procrustes import procrustes
+from zoomout_core.geometry.procrustes import SMALLEST, procrustes
 from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.mesh.affine_maps import normalise
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_normals, unique_edges, vertex_normals
+from zoomout_core.runtime.once import cached_property
 from zoomout_core.runtime.threads import on_one_blas_thread
 from zoomout_core.transfer.frames import FULL_CONFIDENCE
 from zoomout_core.transfer.mapped_target import MappedTarget
@@ -31,6 +35,9 @@ from zoomout_core.transfer.rigging.skinning import skinning_matrices
 from zoomout_core.transfer.rigging.unpose import Rest, inverse_skinning
 from zoomout_core.transfer.rigging.weights import mixing_matrix
 from zoomout_core.tuning import Tuning, tuned
+
+# Nearest vertices among which distances are averaged: enough to divide noise by four.
+AVERAGED_NEIGHBOURS = 16
 
 
 @dataclass(frozen=True)
@@ -43,6 +50,9 @@ class RestTuning(Tuning, set_by="binding"):
         faceted: further distance on account of the source's faces, as a multiple of the height of their arcs. With
             both, characters in other poses end at .1 to .9 times the limit, also after voxel remeshing if their map is
             right. Animals and people of other builds end at .8 to 4 times the limit.
+        averaged: radius within which distances are averaged before that, as vectors. The noise of a scan then cancels
+            out, and distances of other bodies remain. Of three scans with noise of .14 % of their height, .8 to 1.3
+            times the limit becomes .2 to .4 times; of five other bodies, 1.6 to 3.0 times becomes 1.5 to 2.1 times.
         near: maximum distance from the source for projecting a vertex.
         along: maximum distance of the projection from the map's image.
         facing: minimum cosine between both normals.
@@ -51,11 +61,17 @@ class RestTuning(Tuning, set_by="binding"):
         in_place: a target in the rest pose stays in place if no vertex would move farther.
         aligned: maximum number of vertices that are aligned with the source as a whole.
         iterations: number of rounds of this alignment.
+        same_axes: maximum angle of the axis of a bone from its direction in the rest pose. People 1.2 times as wide and
+            0.85 times as high stay below it.
+        same_bends: maximum difference of these angles between bones that meet. Else half of a bend in the middle of a
+            body would count on both sides.
+        other_axes: maximum area of bones beyond these angles in the rest pose. Lower arms of game characters have more.
     """
 
     same_body: float = tuned(0.01, "at unit area", 0, 1)
     settled: float = tuned(0.0006, "at unit area", 0, 1)
     faceted: float = tuned(0.6, "1", 0, 100)
+    averaged: float = tuned(0.02, "at unit area", 1e-9, 1)
     near: float = tuned(0.03, "at unit area", 0, 1)
     along: float = tuned(0.1, "at unit area", 0, 10)
     facing: float = tuned(0.5, "1", -1, 1)
@@ -64,6 +80,9 @@ class RestTuning(Tuning, set_by="binding"):
     in_place: float = tuned(0.02, "at unit area", 0, 1)
     aligned: int = tuned(1500, "vertices", 3, 1_000_000)
     iterations: int = tuned(10, "rounds", 1, 100)
+    same_axes: float = tuned(12.0, "degrees", 0, 180)
+    same_bends: float = tuned(16.0, "degrees", 0, 90)
+    other_axes: float = tuned(0.005, "of the area", 0, 1)
 
 
 REST = RestTuning()
@@ -108,7 +127,7 @@ def find_pose(mapped: MappedTarget, rest: Surface, weights: csr_array, parents: 
         trust = areas * np.where(trusted, np.maximum(confidence, REST.beside), REST.beside * confidence)
         pose = refine_pose(pose, found.points, target.vertices, normals, own, trust, parents)
     bent = _project_at_rest(found, mapped, pose, weights, search, np.inf)
-    if not bent.is_near(REST.settled + REST.faceted * _height_of_arcs(rest)):
+    if not bent.average(target).is_near(REST.settled + REST.faceted * _height_of_arcs(rest)):
         found, pose = replace(mapped, confidence=confidence), estimate_pose(*fitted, BONES.of_others)
         bent = _project_at_rest(found, mapped, pose, weights, search, np.inf)
     if pose.is_rest:
@@ -118,6 +137,11 @@ def find_pose(mapped: MappedTarget, rest: Surface, weights: csr_array, parents: 
     projection = _project_at_rest(mapped, mapped, unbent, weights, search, np.inf)
     if projection.is_near(REST.same_body) and counted @ projection.off <= counted @ bent.off:
         return PosedTarget(_follow(projection, mapped, confidence), unbent)
+    if _keeps_axes(pose.common.rotation, *fitted[:4]):
+        is_same_body = found.surface_map is not mapped.surface_map
+        coupled = estimate_pose(*fitted, BONES.of_others) if is_same_body else pose
+        if coupled.is_rest or not is_same_body:  # the same body is also posed if all its bones rotate a little
+            return PosedTarget(replace(mapped, confidence=confidence), replace(coupled, same_axes=True))
     return PosedTarget(found, pose)
 
 
@@ -136,19 +160,32 @@ class _Projection:
 
     Attributes:
         surface_map: the projection where it is trusted, the map elsewhere.
-        off: (n_t,) distances from the source.
+        apart: (n_t, 3) vectors to the source.
         trusted: (n_t,) where the projection is trusted.
         unit: the square root of the source's area.
     """
 
     surface_map: SurfaceMap
-    off: Floats
+    apart: Floats
     trusted: Booleans
     unit: float
+
+    @cached_property
+    def off(self) -> Floats:
+        """(n_t,) distances from the source."""
+        return np.linalg.norm(self.apart, axis=1)
 
     def is_near(self, distance: float) -> bool:
         """Whether half of the vertices are within some distance of the source, at unit area."""
         return bool(np.median(self.off) <= distance * self.unit)
+
+    def average(self, target: Surface) -> _Projection:
+        """The same with the mean vectors of the nearest vertices, in which the noise of a scan cancels out."""
+        radius, count = REST.averaged * np.sqrt(target.area), min(AVERAGED_NEIGHBOURS, len(self.apart))
+        distance, near = cKDTree(target.vertices).query(target.vertices, count, distance_upper_bound=radius)
+        is_near = np.isfinite(distance).reshape(-1, count, 1)
+        sums = np.where(is_near, self.apart[np.where(is_near[..., 0], near.reshape(-1, count), 0)], 0).sum(axis=1)
+        return replace(self, apart=sums / is_near.sum(axis=1))
 
 
 def _project_at_rest(
@@ -160,11 +197,11 @@ def _project_at_rest(
     at_rest, _, sound = inverse_skinning(target.vertices, matrices, pose.scale)
     triangle, barycentric = search.closest(at_rest)
     places, unit = SurfaceMap(triangle, barycentric, rest.triangles).interpolate(rest.vertices), np.sqrt(rest.area)
-    off = np.linalg.norm(places - at_rest, axis=1)
+    apart = places - at_rest
     outwards = triangle_normals(rest.vertices, rest.triangles)[triangle]
     facing = np.einsum("nx,nx->n", vertex_normals(at_rest, target.triangles), outwards)
     near = np.linalg.norm(places - mapped.points, axis=1) < along * unit
-    trusted = sound & near & (off < REST.near * unit) & (facing > REST.facing)
+    trusted = sound & near & (np.linalg.norm(apart, axis=1) < REST.near * unit) & (facing > REST.facing)
     if mapped.has_partner is not None:
         trusted &= mapped.has_partner
     kept = mapped.surface_map
@@ -173,7 +210,30 @@ def _project_at_rest(
         np.where(trusted[:, None], barycentric, kept.barycentric),
         rest.triangles,
     )
-    return _Projection(surface_map, off, trusted, float(unit))
+    return _Projection(surface_map, apart, trusted, float(unit))
+
+
+def _keeps_axes(rotation: Floats, points: Floats, images: Floats, weights: csr_array, trust: Floats) -> bool:
+    """Whether the axes of bones keep their directions after a rotation (3, 3) of all, see `estimate_pose`.
+
+    The axis of a bone is from its joint with another one, the mean of the vertices that both move, to the mean of its
+    own. Both are means of whole cross-sections, whose width does not matter. Bones that share no vertex have none.
+    """
+    shares = normalise(weights)
+    values = np.column_stack([np.ones(len(points)), points @ rotation.T, images]) * trust[:, None]
+    sums = np.stack([(shares.T @ diags_array(each) @ shares).toarray() for each in values.T], axis=2)
+    shared, bone = sums[:, :, 0], np.arange(len(sums))
+    means = sums[:, :, 1:] / np.maximum(shared, SMALLEST)[:, :, None]
+    arms = means[bone, bone][:, None] - means  # (b, b, 6) from joints to each bone, before and after
+    lengths = np.linalg.norm(arms.reshape(*shared.shape, 2, 3), axis=3)
+    joint = np.argmax(shared * lengths[:, :, 0], axis=1)
+    before, after = np.split(arms[bone, joint], 2, axis=1)
+    product = lengths.prod(axis=2)[bone, joint]
+    close = np.einsum("bx,bx->b", before, after) >= np.cos(np.radians(REST.same_axes)) * product
+    swings = np.cross(before, after) / np.maximum(product, SMALLEST)[:, None]
+    close &= np.linalg.norm(swings - swings[joint], axis=1) <= np.sin(np.radians(REST.same_bends))
+    mass = shares.T @ trust
+    return bool(mass @ (close & (shared[bone, joint] * product > 0)) >= (1 - REST.other_axes) * mass.sum())
 
 
 def _height_of_arcs(surface: Surface) -> float:

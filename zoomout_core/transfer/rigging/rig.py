@@ -13,6 +13,7 @@ map on one side.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,6 +25,7 @@ from zoomout_core.arrays import Floats, Integers
 from zoomout_core.geometry.procrustes import SMALLEST, Similarities, nearest_rotations, procrustes
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.shapes import ShapeLike, as_surface
+from zoomout_core.messages import Message, message
 from zoomout_core.runtime.threads import on_one_blas_thread
 from zoomout_core.transfer.dressing.dress import shape_of_source
 from zoomout_core.transfer.rigging.joints import MovedJoints, finite_joints
@@ -152,6 +154,28 @@ def follow_longer_bones(
             moved = moved_heads[carrier] + share * (moved_tails[carrier] - moved_heads[carrier])
             (found_heads[bone], found_tails[bone]), found_rotations[bone] = moved, rotations[carrier]
     return found_heads, found_tails, found_rotations
+
+
+def note_on_idle_joints(names: Sequence[str], before: csr_array, after: csr_array) -> list[Message]:
+    """A note on joints that move a part of the source which the target lacks, such as the legs of a bust.
+
+    Args:
+        names: (b,) the names of the joints.
+        before: (n_s, b) their weights on the source.
+        after: (n_t, b) their weights on the target.
+    """
+    idle = np.flatnonzero((before.sum(axis=0) > 0) & (after.sum(axis=0) == 0))
+    if not len(idle):
+        return []
+    return [
+        message(
+            "{count} of {all} joints, such as '{joint}', move nothing, because the target lacks their part: their "
+            "places are estimated from the other joints.",
+            count=len(idle),
+            all=len(names),
+            joint=names[idle[0]],
+        )
+    ]
 
 
 def check_joints(joints: ArrayLike, parents: ArrayLike) -> tuple[Floats, Integers]:

@@ -97,25 +97,18 @@ def bake(
         _Turn.of(mapped, picture.uv, target_uv, normals) if picture.normals and normals else None
         for picture in pictures
     ]
+    canvases = [_Canvas(reader, turn, width, height) for reader, turn in zip(readers, turns, strict=True)]
     atlas = target_uv[mapped.target.triangle_corners]
     covered = np.zeros((height, width), dtype=bool)
-    found = [np.zeros((height, width), dtype=bool) for _ in pictures]
-    images = [np.zeros((height, width, each.images[0].shape[2]), each.images[0].dtype) for each in pictures]
     with stage("Baking", 0.2, 0.9):
         for row, column, triangle, weights in _blocks(atlas, width, height):
             covered[row, column] = True
             place, inside = mapped.locate(triangle, weights)
-            for picture, reader, turn, image, has_value in zip(pictures, readers, turns, images, found, strict=True):
-                here = picture.number[place] >= 0
-                values = reader.read(place[here], inside[here])
-                one = 255 if image.dtype == np.uint8 else 1
-                if turn is not None:
-                    rotated = turn.rotate(
-                        2 * values[:, :3] / one - 1, place[here], inside[here], triangle[here], weights[here]
-                    )
-                    values[:, :3] = one * (rotated + 1) / 2
-                image[row[here], column[here]] = np.rint(values) if one == 255 else values
-                has_value[row[here], column[here]] = True
+            for canvas in canvases:
+                chosen = canvas.picture.number[place] >= 0
+                canvas.paint(
+                    row[chosen], column[chosen], place[chosen], inside[chosen], triangle[chosen], weights[chosen]
+                )
     if not covered.any():
         raise MeshError(
             "The target's texture coordinates cover no texel of the image: place them in the unit square, or use a "
@@ -123,7 +116,7 @@ def bake(
         )
     outside = ~((atlas >= -INSIDE) & (atlas <= 1 + INSIDE)).all(axis=(1, 2))
     with stage("Filling gutters", 0.9, 1.0):
-        return Baked(_fill(images, found), covered, outside)
+        return Baked(_fill(canvases), covered, outside)
 
 
 def tiles_of(surface: Surface, uv: Floats) -> Integers:
@@ -135,7 +128,7 @@ class _Reader:
     """Reads a picture at places of the source."""
 
     def __init__(self, mapped: MappedTarget, picture: Picture) -> None:
-        self._source, self._picture = mapped.source, picture
+        self.picture = picture
         self._island = chart_of(mapped.source, picture.uv).cut.triangle_island
         self._corners = picture.uv[mapped.source.triangle_corners]  # (m, 3, 2)
         self._islands = list[Islands]()
@@ -146,7 +139,7 @@ class _Reader:
 
     def read(self, triangle: Integers, barycentric: Floats) -> Floats:
         """(q, channels) values at points (q, 3) of triangles (q,) that have an image."""
-        picture = self._picture
+        picture = self.picture
         values = np.empty((len(triangle), picture.images[0].shape[2]))
         uv = np.einsum("qc,qcx->qx", barycentric, self._corners[triangle])
         for number in np.unique(picture.number[triangle]):
@@ -196,6 +189,41 @@ class _Turn:
         return unit_vectors(np.linalg.solve(here, turned[:, :, None])[:, :, 0])
 
 
+class _Canvas:
+    """A new image of the target, painted with a picture of the source.
+
+    Args:
+        reader: reads the picture.
+        turn: rotates the normals that the picture has; None if it has colours.
+        width: width of the image, in texels.
+        height: its height.
+    """
+
+    def __init__(self, reader: _Reader, turn: _Turn | None, width: int, height: int) -> None:
+        self.picture, self._reader, self._turn = reader.picture, reader, turn
+        sample = self.picture.images[0]
+        self.image: Pixels = np.zeros((height, width, sample.shape[2]), sample.dtype)
+        self.has_value = np.zeros((height, width), dtype=bool)
+
+    def paint(
+        self,
+        row: Integers,
+        column: Integers,
+        place: Integers,  # (q,) triangles of the source
+        inside: Floats,  # (q, 3) the points in these
+        triangle: Integers,  # (q,) triangles of the target
+        weights: Floats,  # (q, 3) the points in these
+    ) -> None:
+        """Paint texels (q,)."""
+        values = self._reader.read(place, inside)
+        one = 255 if self.image.dtype == np.uint8 else 1
+        if self._turn is not None:
+            rotated = self._turn.rotate(2 * values[:, :3] / one - 1, place, inside, triangle, weights)
+            values[:, :3] = one * (rotated + 1) / 2
+        self.image[row, column] = np.rint(values) if one == 255 else values
+        self.has_value[row, column] = True
+
+
 def _turn_between(vectors: Floats, first: Floats, second: Floats) -> Floats:
     """Rotate vectors (q, 3) by the smallest rotations that take unit vectors (q, 3) to others (Rodrigues)."""
     axis = np.cross(first, second)
@@ -218,19 +246,20 @@ def _blocks(atlas: Floats, width: int, height: int) -> Iterator[tuple[Integers, 
             yield row, texel[block] % width, triangle[block], weights[block]
 
 
-def _fill(images: Sequence[Pixels], found: Sequence[Booleans]) -> list[Pixels | None]:
+def _fill(canvases: Sequence[_Canvas]) -> list[Pixels | None]:
     """Fill texels without a value from the nearest one with a value; None for an image without any value."""
     from scipy.ndimage import distance_transform_edt  # on first use: only baking needs it
 
     filled = list[Pixels | None]()
     last, nearest = None, None
-    for number, (image, has_value) in enumerate(zip(images, found, strict=True)):
-        advance(number / len(images))
+    for number, canvas in enumerate(canvases):
+        advance(number / len(canvases))
+        has_value = canvas.has_value
         if not has_value.any():
             filled.append(None)
             continue
         if last is None or not np.array_equal(last, has_value):
             last = has_value
             nearest = tuple(distance_transform_edt(~has_value, return_distances=False, return_indices=True))
-        filled.append(image[nearest])
+        filled.append(canvas.image[nearest])
     return filled

@@ -111,22 +111,9 @@ def _with_places(face: list[int], place: dict[tuple[int, int], int]) -> list[int
 def seam_cut(uv: Attribute, mapped: MappedTarget) -> SeamCut:
     """Find where to cut the target along the seams of a UV map of the source, with values (c, 2) at its corners."""
     cut = cut_surface(mapped.source, np.asarray(uv.values, dtype=np.float64))
-    _, corner = corners_of_faces(mapped.target, np.flatnonzero(mapped.near_border(cut)))
-    edge = np.unique(np.sort(mapped.target.corner_vertex[face_edges(mapped.target)[corner]], axis=1), axis=0)
-    edge = edge[edge[:, 0] != edge[:, 1]]
-    crossing = _leaves_sheet(cut, mapped, edge, np.ones(len(edge)))[0]
-    edge = edge[crossing]
+    edge = _edges_across(cut, mapped)
     fraction, place = _crossings(cut, mapped, edge)
-    n = len(mapped.target.vertices)
-
-    # A vertex next to a seam is snapped to it, with all crossings of the edges around it.
-    nearer = np.where(fraction < 0.5, edge[:, 0], edge[:, 1])
-    snapped = np.flatnonzero(np.minimum(fraction, 1 - fraction) < SNAP_DISTANCE)
-    snapped = snapped[np.argsort(-np.minimum(fraction, 1 - fraction)[snapped], kind="stable")]  # the closest come last
-    on_seam = np.zeros(n, dtype=bool)
-    on_seam[nearer[snapped]] = True
-    triangle, barycentric = mapped.surface_map.triangle.copy(), mapped.surface_map.barycentric.copy()
-    triangle[nearer[snapped]], barycentric[nearer[snapped]] = place.triangle[snapped], place.barycentric[snapped]
+    snapped, on_seam = _snap(mapped.surface_map, edge, fraction, place)
     kept = ~on_seam[edge].any(axis=1)
     edge, fraction = edge[kept], fraction[kept]
     around = _crossings_around(mapped, edge, on_seam)
@@ -134,8 +121,8 @@ def seam_cut(uv: Attribute, mapped: MappedTarget) -> SeamCut:
     meetings = _meetings(cut, mapped, around)
     junctions = SurfaceMap.from_vertices(meetings.vertex, mapped.source)
     surface_map = SurfaceMap(
-        np.concatenate([triangle, place.triangle[kept], junctions.triangle]),
-        np.concatenate([barycentric, place.barycentric[kept], junctions.barycentric]),
+        np.concatenate([snapped.triangle, place.triangle[kept], junctions.triangle]),
+        np.concatenate([snapped.barycentric, place.barycentric[kept], junctions.barycentric]),
         mapped.surface_map.source_triangles,
     )
     return SeamCut(
@@ -150,6 +137,36 @@ def seam_cut(uv: Attribute, mapped: MappedTarget) -> SeamCut:
         surface_map=surface_map,
         left=int((around.number > 2).sum()) - len(meetings.face),
     )
+
+
+def _edges_across(cut: CutSurface, mapped: MappedTarget) -> Integers:
+    """(e, 2) edges of the target, by vertices, that cross a cut of the source."""
+    _, corner = corners_of_faces(mapped.target, np.flatnonzero(mapped.near_border(cut)))
+    edge = np.unique(np.sort(mapped.target.corner_vertex[face_edges(mapped.target)[corner]], axis=1), axis=0)
+    edge = edge[edge[:, 0] != edge[:, 1]]
+    return edge[_leaves_sheet(cut, mapped, edge, np.ones(len(edge)))[0]]
+
+
+def _snap(there: SurfaceMap, edge: Integers, fraction: Floats, place: SurfaceMap) -> tuple[SurfaceMap, Booleans]:
+    """Snap vertices of the target next to a seam to it, with all crossings of the edges around them.
+
+    Args:
+        there: the target's map.
+        edge: (e, 2) vertices of edges that cross a seam.
+        fraction: (e,) where they cross it, in [0, 1].
+        place: these places on the source.
+
+    Returns:
+        The map with the snapped vertices, and (n_t,) which vertices these are.
+    """
+    nearer, distance = np.where(fraction < 0.5, edge[:, 0], edge[:, 1]), np.minimum(fraction, 1 - fraction)
+    snapped = np.flatnonzero(distance < SNAP_DISTANCE)
+    snapped = snapped[np.argsort(-distance[snapped], kind="stable")]  # the closest come last
+    triangle, barycentric = there.triangle.copy(), there.barycentric.copy()
+    triangle[nearer[snapped]], barycentric[nearer[snapped]] = place.triangle[snapped], place.barycentric[snapped]
+    on_seam = np.zeros(len(triangle), dtype=bool)
+    on_seam[nearer[snapped]] = True
+    return SurfaceMap(triangle, barycentric, there.source_triangles), on_seam
 
 
 def _leaves_sheet(

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from functools import cached_property
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.runtime.once import cached_property
 from zoomout_core.transfer.groups import find, first_of_each
 from zoomout_core.transfer.pixels import INSIDE, pixels_near
 

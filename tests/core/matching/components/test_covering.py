@@ -278,9 +278,10 @@ def test_map_leaves_in_place_if_little_area_moves(moved: float, part: float, sta
     places = np.random.default_rng(0).standard_normal((200, 3))
     images = places.copy()
     images[: round(200 * part), 0] += moved
-    assert leaves_in_place(images, places, np.ones(200)) is stays
+    still = np.tile(np.eye(3), (200, 1, 1))
+    assert leaves_in_place(images, places, np.ones(200), still) is stays
     # Weighted by area, not by number.
     weights = np.where(np.arange(200) < round(200 * part), 1e-6, 1.0)
-    assert leaves_in_place(images, places, weights) is (stays or part < 1)
+    assert leaves_in_place(images, places, weights, still) is (stays or part < 1)
     heavy = np.where(np.arange(200) < round(200 * part), 1e6, 1.0)
-    assert leaves_in_place(images, places, heavy) is (moved < 0.1)
+    assert leaves_in_place(images, places, heavy, still) is (moved < 0.1)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from creatures import creature, directions
 from scipy.spatial import ConvexHull
+from scipy.spatial.transform import Rotation
 
 import zoomout_core as zo
 from zoomout_core.matching.components.overlap import leaves_in_place, overlapping
@@ -35,10 +36,19 @@ def test_a_map_that_swaps_limbs_does_not_leave_things_in_place() -> None:
     places = np.random.default_rng(0).standard_normal((100, 3))
     areas = np.ones(100)
     off = 0.05 * np.ones((100, 3))
-    assert leaves_in_place(places + off, places, areas)
+    still = np.tile(np.eye(3), (100, 1, 1))
+    assert leaves_in_place(places + off, places, areas, still)
     swapped = places.copy()
     swapped[:30] += 1
-    assert not leaves_in_place(swapped, places, areas)
+    assert not leaves_in_place(swapped, places, areas, still)
+
+
+@pytest.mark.parametrize(("angle", "share", "stays"), [(15, 0.3, True), (40, 0.02, True), (40, 0.1, False)])
+def test_a_part_that_turns_in_place_does_not_stay(angle: float, share: float, stays: bool) -> None:
+    places, areas = np.random.default_rng(0).standard_normal((100, 3)), np.ones(100)
+    rotations = np.tile(np.eye(3), (100, 1, 1))
+    rotations[: round(100 * share)] = Rotation.from_euler("z", angle, degrees=True).as_matrix()
+    assert leaves_in_place(places, places, areas, rotations) is stays
 
 
 @pytest.mark.slow

@@ -14,7 +14,7 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from zoomout_core.matching.components.parts import Side
-from zoomout_core.matching.components.shell_images import find_beneath
+from zoomout_core.matching.components.shell_images import Image, find_beneath, find_beyond, find_caps
 from zoomout_core.matching.components.shell_pairs import pair_shells
 from zoomout_core.mesh.surface import Surface
 
@@ -136,3 +136,24 @@ def test_outer_vertices_map_to_the_outside_and_inner_ones_inside(radius: float) 
     assert beneath(radius, outer=True) == pytest.approx(0.3, rel=0.05)
     near = radius - 0.2 < 0.05
     assert beneath(radius, outer=False) == pytest.approx(0.2 if near else 0.3, rel=0.05)
+
+
+@pytest.mark.parametrize(("onto", "beyond"), [(0.02, False), (0.08, True)])
+def test_vertices_nearer_to_another_shell_are_beyond_their_partner(onto: float, beyond: bool) -> None:
+    alone = side([egg()])
+    part = alone.parts(alone.points)[0]
+    count, where = len(part.vertices), np.tile([1.0, 0, 0], (len(part.vertices), 1))
+    by_body = Image(np.ones(count, np.int64), where, np.full(count, 0.01))
+    on_partner = Image(np.zeros(count, np.int64), where, np.full(count, onto))
+    of_triangle = np.array([0, 1])
+    assert (find_beyond(by_body, on_partner, part, 0, of_triangle, 0.045) == beyond).all()
+    assert not find_beyond(by_body, on_partner, part, 1, of_triangle, 0.045).any()
+
+
+def test_hull_over_an_opening_is_a_cap() -> None:
+    hull = egg(size=4)
+    height = hull[:, 2]
+    above = CORNERS[(height > np.quantile(height, 0.3))[CORNERS].all(axis=1)]
+    is_cap = find_caps(hull, side([hull], above))
+    assert not is_cap[height > np.quantile(height, 0.4)].any()
+    assert is_cap[height < np.quantile(height, 0.1)].all()

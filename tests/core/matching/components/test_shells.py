@@ -8,8 +8,8 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 from creatures import directions
-from mannequins import STEP, Mannequin, as_one_skin, mannequin
-from scipy.spatial import ConvexHull
+from mannequins import PARTS, STEP, Mannequin, as_one_skin, mannequin
+from scipy.spatial import ConvexHull, cKDTree
 from scipy.spatial.transform import Rotation
 
 import zoomout_core as zo
@@ -150,6 +150,28 @@ def test_overlapping_shells_stay_in_place(at_rest: Mannequin) -> None:
     result = zo.match(at_rest.surface, target.surface)
     assert any("overlap in place" in note for note in result.notes)
     assert place_errors(result, at_rest, target).mean() < 0.004
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("posed", [False, True])
+def test_head_welded_to_the_torso_maps_to_the_head(at_rest: Mannequin, posed: bool) -> None:
+    pose = STEP if posed else None
+    upper = mannequin(pose, 400, 4, without=tuple(set(PARTS) - {"torso", "head"}))
+    limbs = mannequin(pose, 60, 4, without=("torso", "head"))
+    welded = Surface(*voxel_remesh(upper.surface.vertices, upper.surface.triangles, 40))
+    target = Surface.joined([welded, limbs.surface])
+    result = zo.match(at_rest.surface, target)
+    image = at_rest.part[result.surface_map.vertex[: len(welded.vertices)]]
+    distance, _ = cKDTree(upper.surface.vertices[upper.part == "torso"]).query(welded.vertices)
+    assert (image[distance > 0.1] == "head").mean() > 0.95
+
+
+@pytest.mark.slow
+def test_head_that_turns_is_not_taken_as_in_place(at_rest: Mannequin) -> None:
+    target = mannequin({"head": (-30, 0, 0), "foot.L": (0, 0, 40), "foot.R": (0, 0, -40)}, 60, 4)
+    result = zo.match(at_rest.surface, target.surface)
+    assert not any("overlap in place" in note for note in result.notes)
+    assert place_errors(result, at_rest, target)[target.part == "head"].mean() < 0.03
 
 
 @pytest.mark.slow

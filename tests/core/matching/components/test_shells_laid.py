@@ -317,7 +317,8 @@ def test_shells_follow_a_rejected_fit_where_confidence_is_low(confidence: float,
     tip = shapes[1].mesh.vertices[:, 2] > 0.8 * shapes[1].mesh.vertices[:, 2].max()
     exchanged.triangle[tip] = exchanged.triangle[np.argmin(shapes[1].mesh.vertices[:, 2])]
     fit = Fit(exchanged, shapes[0].mesh.vertices, np.zeros((len(tip), 3, 3)), ~tip)
-    motion, _ = _motion(pair, fit, np.where(tip, confidence, 0.9))
+    side = Side.of(pair.target, pair.target_shape.proxy.full)
+    motion, _ = _motion(pair, fit, np.where(tip, confidence, 0.9), side)
     right = np.linalg.norm(motion.images - shapes[0].proxy.vertices, axis=1) < 1e-6
     assert tip.any()
     assert right[~tip].all()

@@ -430,6 +430,7 @@ def test_candidates_are_ranked_by_the_curvature_of_their_finished_maps(
     monkeypatch.setattr(part_match, "part_candidates", lambda *_: made)
     monkeypatch.setattr(part_match, "register_part", lambda *_: fitted)
     monkeypatch.setattr(part_match, "curvature_agreement", lambda *_: next(agreements))
+    monkeypatch.setattr(part_match, "gap_area", lambda *_: 0.0)
     monkeypatch.setattr(part_match, "for_each", lambda work, items: [work(each) for each in items])
     found = match_part(surface_and_shapes(lower))
     assert [one.scores[CURVATURE] for one in found] == pytest.approx([0.9, 0.6, 0.6])

@@ -213,3 +213,34 @@ def test_other_unit_must_be_more_likely_than_the_same_one(
     found = retry.attempt_part(whole, Constraints(None, np.zeros((0, 3)), []))
     assert (found.candidates[0].certainty == certainty) == taken
     assert any("different units" in note for note in getattr(found.pair, "notes", ())) == noted
+
+
+@pytest.mark.parametrize(
+    ("certainty", "stretched", "searched"),
+    [(0.6, 1.0, False), (0.6, 0.9, False), (0.6, 1.2, True), (0.6, 0.85, True), (0.45, 1.0, True), (0.8, 1.2, False)],
+)
+def test_no_other_unit_is_tried_if_a_likely_map_keeps_lengths(
+    monkeypatch: pytest.MonkeyPatch, certainty: float, stretched: float, searched: bool
+) -> None:
+    """Nor if it is certain enough; the map of the wholes may still be more certain."""
+
+    def search(*_: object) -> None:
+        tried.append(True)
+
+    tried: list[bool] = []
+    shape: Any = SimpleNamespace(basis=SimpleNamespace(areas=np.ones(4)))
+    pair = Pair(*(SimpleNamespace() for _ in range(2)), shape, shape, 60, 20)  # type: ignore[arg-type]
+    monkeypatch.setattr(retry, "in_one_unit", lambda pair: pair)
+    monkeypatch.setattr(retry, "units_differ", lambda _: False)
+    monkeypatch.setattr(retry, "are_fragments", lambda _: False)
+    monkeypatch.setattr(retry, "agree", lambda *_: False)
+    monkeypatch.setattr(retry, "match_part", lambda *_: [SimpleNamespace(certainty=certainty, part_match=stretched)])
+    monkeypatch.setattr(unknown_scale, "stretch", lambda stretched: stretched)
+    monkeypatch.setattr(retry, "match_at_unknown_scale", search)
+    monkeypatch.setattr(Constraints, "disagreement", lambda *_: None)
+    for of_wholes in (0.1, 0.82):
+        tried.clear()
+        whole = Attempt(pair, [SimpleNamespace(certainty=of_wholes, turns=1)], 0.9)  # type: ignore[list-item]
+        found = retry.attempt_part(whole, Constraints(None, np.zeros((0, 3)), []))
+        assert found.candidates[0].certainty == max(certainty, of_wholes)
+        assert bool(tried) == (searched or (of_wholes > certainty and stretched > UNKNOWN_SCALE.right_unit))

@@ -221,3 +221,19 @@ def test_patch_on_the_facing_surface_is_detected_geodesically() -> None:
     assert apart.max() < REPAIR.min_length * 3  # no edge is long in Euclidean distance
     found: Repair = repair(pair, torn)
     assert (u[found.surface_map.vertex[patch]] < 0.5).all()
+
+
+def test_loose_part_across_two_limbs_is_not_torn() -> None:
+    folded = facing_plates()[0].source
+    y, z = np.meshgrid(np.linspace(0.1, 0.2, 6), np.linspace(-0.04, 0.05, 10), indexing="ij")
+    number = np.arange(y.size).reshape(y.shape)
+    corners = (number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:])
+    lid = zo.Surface(
+        np.stack([np.full(y.shape, -0.02), y, z], axis=2).reshape(-1, 3), np.stack(corners, 2).reshape(-1, 4)
+    )
+    source, target = (zo.Surface.joined([folded, lid]) for _ in range(2))
+    shapes = [analyse(each.working.part(0)[0], 40, 200, 0) for each in (source, target)]
+    identity = zo.SurfaceMap.from_vertices(np.arange(len(source.vertices)), source)
+    found = repair(Pair(source, target, *shapes, 40, 5), identity)  # type: ignore[arg-type]
+    assert not found.torn.any()
+    assert not found.filled.any()

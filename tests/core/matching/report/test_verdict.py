@@ -56,7 +56,7 @@ def test_worst_fault_decides_the_verdict(changed: dict[str, Any], level: str, re
 
 
 def test_advice_for_unknown_places_does_not_mention_sides() -> None:
-    assert "list of parts" in judge(0.76, Faults(unplaced=0.235, silent=0.35)).advice
+    assert "parts of the source whose data" in judge(0.76, Faults(unplaced=0.235, silent=0.35)).advice
     assert "doubtful vertices" in judge(0.76, Faults(unplaced=0.235)).advice
     assert "sides are swapped" in judge(0.6, Faults(unplaced=0.235, silent=0.35)).advice
 

@@ -16,6 +16,7 @@ WIDTH, HEIGHT = 0.2, 0.08  # half the axes of an elliptic opening
 SIDE = np.linspace(-0.5, 0.5, 81)
 PIXEL = 0.01
 TRIANGLES = triangles_of(grid_faces(80, 80))
+STILL = np.zeros((len(SIDE) ** 2, 3))
 
 
 def skin(width: float = WIDTH, height: float = HEIGHT, depth: float = 0.4) -> np.ndarray:
@@ -76,18 +77,29 @@ def test_no_opening_is_found_without_a_surface() -> None:
 
 def test_rims_shift_to_those_of_a_larger_eye() -> None:
     here, there = opening(skin()), opening(skin(1.2 * WIDTH, 1.5 * HEIGHT))
-    chosen, shifts = match_rims(skin(), here, there, HEAD)
+    chosen, shifts = match_rims(skin(), STILL, here, there, -1, HEAD)
     places = skin()[chosen]
-    inner = np.abs(places[:, 0]) < 0.8 * WIDTH
-    assert inner.sum() > 20
+    between = np.abs(places[:, 0]) < 0.8 * WIDTH
+    assert between.sum() > 20
     upwards = np.where(places[:, 1] > 0, 0.5, -0.5) * HEIGHT * np.sqrt(1 - (places[:, 0] / WIDTH).clip(-1, 1) ** 2)
-    np.testing.assert_allclose(
-        shifts[inner], np.column_stack([0.2 * places[:, 0], upwards, 0 * upwards])[inner], atol=0.02
-    )
+    along = 0.2 * places[:, 0] - 0.05 * (places[:, 0] + WIDTH)  # half at the inner corner, which is not displaced
+    np.testing.assert_allclose(shifts[between], np.column_stack([along, upwards, 0 * upwards])[between], atol=0.02)
     assert (places[:, 2] > -0.2).all()  # none on the bottom of the socket
 
 
+@pytest.mark.parametrize("inner", [0, -1])
+def test_the_inner_corner_is_halfway_between_the_opening_and_the_displacement(inner: int) -> None:
+    here = opening(skin())
+    displacement = STILL + np.array([0.06, 0, 0])
+    chosen, shifts = match_rims(skin(), displacement, here, here, inner, HEAD)
+    across = skin()[chosen, 0]
+    corners = np.abs(across) > WIDTH - 0.02
+    at_inner = corners & (across * (2 * inner + 1) < 0)
+    np.testing.assert_allclose(shifts[at_inner, 0], 0.03, atol=0.01)
+    np.testing.assert_allclose(shifts[corners & ~at_inner, 0], 0, atol=0.01)
+
+
 def test_openings_of_very_different_size_do_not_correspond() -> None:
-    chosen, shifts = match_rims(skin(), opening(skin()), opening(skin(0.7 * WIDTH, 0.5 * HEIGHT)), HEAD)
+    chosen, shifts = match_rims(skin(), STILL, opening(skin()), opening(skin(0.7 * WIDTH, 0.5 * HEIGHT)), 0, HEAD)
     assert chosen.shape == (0,)
     assert shifts.shape == (0, 3)

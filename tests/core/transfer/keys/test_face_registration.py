@@ -11,6 +11,7 @@ import pytest
 from face_masks import make_face
 from transfer_meshes import nearest_map
 
+import zoomout_core as zo
 from zoomout_core.transfer.keys import face_registration
 from zoomout_core.transfer.keys.face_registration import register_face
 from zoomout_core.transfer.mapped_target import MappedTarget
@@ -85,10 +86,30 @@ def test_rims_are_aligned_with_wider_eyes_and_mouths(monkeypatch: pytest.MonkeyP
     assert (attracted < np.array([0.4, 0.5]) * rim_errors()).all()
 
 
+@pytest.mark.parametrize(("blinking", "share"), [(0.0, 0.7), (1.0, 0.1)])
+def test_other_parts_that_keys_move_are_mapped_better(blinking: float, share: float) -> None:
+    """Such as gums, which are registered, and lashes, which blinks move, and which follow the skin."""
+    count, behind = len(PLACES), PLACES - (0, 0, 0.2)
+    triangles = np.vstack([FACE.surface.triangles, FACE.surface.triangles + count])
+    source = zo.Surface(np.vstack([PLACES, behind]), triangles)
+    off = map_to_wider_face().points - PLACES
+    surface_map = nearest_map(np.vstack([PLACES, behind + off]), source)
+    mapped = MappedTarget(source, source, surface_map, np.ones(2 * count))
+    expressions = [np.vstack([each, blinking * each]) for each in EXPRESSIONS[:2]]
+    expressions.append(np.vstack([EXPRESSIONS[2], 0 * PLACES]))
+    offsets = np.stack([*expressions, np.vstack([VALUES[:, -1]] * 2)], axis=1)
+    middle = np.append(np.zeros(count, dtype=bool), np.linalg.norm(PLACES[:, :2], axis=1) < 0.7)
+    before, after = (
+        np.linalg.norm(each.points - source.vertices, axis=1)[middle].mean()
+        for each in (mapped, register_face(offsets, expressions, mapped))
+    )
+    assert after < share * before
+
+
 @pytest.mark.filterwarnings("error")
 def test_lips_far_from_their_middle_follow_the_map(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(face_registration, "find_lips", lambda *_: np.array([0.0, -0.5, 9.0]))
-    face = face_registration._Face.of(VALUES, EXPRESSIONS, map_to_wider_face())
-    assert face is not None
-    chosen, shifts = face._match_mouth(0 * face.mesh.vertices)
+    piece = face_registration._Piece.of(VALUES.any(axis=(1, 2)), 0, map_to_wider_face())
+    assert piece is not None
+    chosen, shifts = face_registration._Face.of(piece, EXPRESSIONS)._match_mouth()
     assert (len(chosen), len(shifts)) == (0, 0)

@@ -178,7 +178,8 @@ def _twice(surface: Surface) -> list[list[int]]:
     return [face.tolist() for face in [*faces, *(face + len(surface.vertices) for face in faces)]]
 
 
-def test_keys_of_doubtful_vertices_follow_their_surroundings(source: Sheet, straight: Sheet) -> None:
+@pytest.mark.parametrize("low", [0, 0.0001, 0.001, 0.01])
+def test_keys_of_doubtful_vertices_follow_their_surroundings(low: float, source: Sheet, straight: Sheet) -> None:
     points = straight.surface.vertices
     target = with_positions(straight.surface, points @ TURN.T)
     surface_map = true_map(source, *GRID, straight.parameters)
@@ -186,7 +187,7 @@ def test_keys_of_doubtful_vertices_follow_their_surroundings(source: Sheet, stra
     truth = surface_map.interpolate(values) @ TURN.T
     confidence = np.ones(len(points))
     wrong = bump(points, (1, 0, 2.3), 0.4) > 0
-    confidence[wrong] = 0
+    confidence[wrong] = low
     triangle = surface_map.triangle.copy()
     triangle[wrong] = np.random.default_rng(0).permutation(len(source.surface.triangles))[: wrong.sum()]
     torn = SurfaceMap(triangle, surface_map.barycentric, source.surface.triangles)
@@ -197,6 +198,26 @@ def test_keys_of_doubtful_vertices_follow_their_surroundings(source: Sheet, stra
     assert errors(result.values[~wrong], truth[~wrong]).max() < 0.05
     (note,) = result.notes
     assert str(wrong.sum()) in note
+
+
+@pytest.mark.parametrize("low", [0.0001, 0.001, 0.01])
+def test_keys_do_not_follow_a_smooth_map_to_another_place_at_low_confidence(
+    low: float, source: Sheet, straight: Sheet
+) -> None:
+    values = bump(source.surface.vertices, (1, 0, 2.3), 0.8)[:, None, None] * np.array([[0.3, 0, 0.2]])
+    right = true_map(source, *GRID, straight.parameters)
+    other = true_map(source, *GRID, straight.parameters + np.array([0.5, 0]))  # on the other side of the tube
+    truth = right.interpolate(values)
+    wrong = bump(straight.surface.vertices, (1, 0, 2.3), 0.4) > 0
+    mixed = SurfaceMap(
+        np.where(wrong, other.triangle, right.triangle),
+        np.where(wrong[:, None], other.barycentric, right.barycentric),
+        source.surface.triangles,
+    )
+    assert errors(mixed.interpolate(values)[wrong], truth[wrong]).mean() > 0.9
+    match = Match(mixed, np.where(wrong, low, 1))
+    result = transfer_keys(values, match, source.surface, straight.surface).values
+    assert errors(result[wrong], truth[wrong]).mean() < 0.4
 
 
 def test_a_mirrored_target_takes_mirrored_keys() -> None:

@@ -54,6 +54,20 @@ def test_slid_map_is_replaced_where_the_target_lies_on_the_source():
     assert first.mapped.surface_map is mapped.surface_map
 
 
+def test_noise_does_not_make_another_body():
+    source, still = tube(), tube(36, 160, turned=0.4)
+    target = pose_surface(still, bend(*SOFT))
+    noise = 0.0025 * np.sqrt(target.area) * np.random.default_rng(0).standard_normal(target.vertices.shape)
+    mapped = _map_at_rest(source, target.with_vertices(target.vertices + noise), still.vertices, shift=0.12)
+    found = find_pose(mapped, source, weights_of(source.vertices), PARENTS)
+    assert found.mapped.surface_map is not mapped.surface_map
+    with retune(REST, averaged=1e-9):
+        coupled = find_pose(mapped, source, weights_of(source.vertices), PARENTS)
+    assert coupled.mapped.surface_map is mapped.surface_map
+    errors = [np.median(_errors(each, source, still.vertices)) for each in (found, coupled)]
+    assert errors[0] < 0.7 * errors[1]
+
+
 def test_source_may_be_posed():
     source, still = tube(), tube(13, 55, turned=0.4)
     target = pose_surface(still, bend(*SOFT))
@@ -178,6 +192,52 @@ def test_a_slight_bend_is_a_pose():
     target = pose_surface(still, bend((12, 0, 0), (0, 12, 0)))
     found = find_pose(_map_at_rest(source, target, still.vertices), source, weights_of(source.vertices), PARENTS)
     assert not found.pose.is_rest
+
+
+def _slanting(points):
+    """Points of a stout tube around the same axis, whose cross-sections slant one way and the other."""
+    slant = 0.8 * np.cos(np.pi * (points[:, 2] - 1) / 2) * points[:, 0]
+    return points * [1.6, 1.6, 1.0] + slant[:, None] * np.array([0, 0, 1.0])
+
+
+def _find_slanting(still, *turns, softness=1.0):
+    """A map of the tube in another build, perhaps bent, and its pose."""
+    source = tube()
+    target = still.with_vertices(_slanting(still.vertices))
+    if turns:
+        target = pose_surface(target, bend(*turns), weights_of(still.vertices))
+    mapped = _map_at_rest(source, target, still.vertices)
+    return mapped, find_pose(mapped, source, weights_of(source.vertices, softness), PARENTS)
+
+
+def test_bones_that_keep_their_axes_rotate_because_of_another_build():
+    mapped, found = _find_slanting(tube(13, 55, turned=0.4))
+    assert found.pose.bend > 1.5 * BONES.same_pose
+    assert found.pose.is_rest
+    assert found.mapped.surface_map is mapped.surface_map
+
+
+def test_a_bend_of_another_build_is_a_pose():
+    for turns in (((23, 0, 0), (0, 0, 0)), ((0, 0, 0), (0, 23, 0)), ((60, 0, 30), (40, 20, 0))):
+        assert not _find_slanting(tube(13, 55, turned=0.4), *turns)[1].pose.is_rest
+
+
+def test_rigid_parts_without_common_vertices_have_no_axes():
+    small = (10, 0, 0), (0, 8, 0)
+    assert _find_slanting(tube(), *small)[1].pose.is_rest
+    assert not _find_slanting(tube(), *small, softness=1e-9)[1].pose.is_rest
+
+
+def test_another_build_that_free_bones_fit_keeps_its_map():
+    source, still = tube(), tube(13, 55, turned=0.4)
+    wave = 0.06 * np.sin(4 * np.pi * still.vertices[:, 2] / LENGTH)
+    other = still.vertices * [1.1, 0.9, 1.0] + wave[:, None] * [1.0, 0, 0]
+    mapped = _map_at_rest(source, still.with_vertices(other), still.vertices)
+    weights, parents = _short_bones(source.vertices), np.arange(24) - 1
+    with retune(REST, settled=0.01):
+        found = find_pose(mapped, source, weights, parents)
+    assert found.pose.is_rest
+    assert found.mapped.surface_map is mapped.surface_map
 
 
 def test_worn_parts_of_a_target_do_not_move_it():

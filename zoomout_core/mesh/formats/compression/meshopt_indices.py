@@ -158,52 +158,82 @@ def decode_triangles(content: bytes, count: int) -> Integers:
     if end < 1 + number or content[0] & 0xF0 != TRIANGLES or content[0] & 0x0F > 1:
         raise FormatError("its compressed triangles have another format")
     oldest = BEFORE if content[0] & 0x0F else OTHER  # version 0 has no neighbours of the last vertex
-    table = content[end:]
-    numbers = _Numbers(content, 1 + number, end)
-    # By age, the latest first.
-    edges, vertices = deque([(0, 0)] * LIST, LIST), deque([0] * LIST, LIST)
-    following = last = 0
+    state = _Decoded(_Numbers(content, 1 + number, end), content[end:])
+    edges, vertices = state.edges, state.vertices
     found: list[int] = []
     for code in content[1 : 1 + number]:
         if code < 0xF0:
             (a, b), own = edges[code >> 4], code & 15
             if own == NEXT:
-                c = following
-                following += 1
+                c = state.take_next()
             elif own < oldest:
                 c = vertices[own]
             else:
-                c = last = last + (numbers.read() if own == OTHER else -1 if own == BEFORE else 1)
+                c = state.read() if own == OTHER else state.step(-1 if own == BEFORE else 1)
             if own == NEXT or own >= oldest:
                 vertices.appendleft(c)
         else:
-            pair, is_next = (table[code & 15], True) if code < 0xFE else (numbers.byte(), code == 0xFE)
-            if code >= 0xFE and pair == 0:
-                following = 0
-            second, third = pair >> 4, pair & 15
-            a = following
-            following += is_next
-            b = following if second == NEXT else vertices[second - 1]
-            following += second == NEXT
-            c = following if third == NEXT else vertices[third - 1]
-            following += third == NEXT
-            if not is_next:
-                a = last = last + numbers.read()
-            if second == OTHER:
-                b = last = last + numbers.read()
-            if third == OTHER:
-                c = last = last + numbers.read()
-            vertices.appendleft(a)
-            for own, vertex in ((second, b), (third, c)):
-                if own in (NEXT, OTHER):
-                    vertices.appendleft(vertex)
+            a, b, c = _begin(code, state)
             edges.appendleft((b, a))
         edges.appendleft((c, b))
         edges.appendleft((a, c))
         found += (a, b, c)
-    if numbers.at != end:
+    if state.numbers.at != end:
         raise FormatError("its compressed triangles have another size")
     return np.array(found, dtype=np.int64) & 0xFFFFFFFF
+
+
+class _Decoded:
+    """The state of a decoder of triangles.
+
+    Args:
+        numbers: the data of codes that need more.
+        table: the codes of the two last corners of triangles without a known edge, as `CODES`.
+    """
+
+    def __init__(self, numbers: _Numbers, table: bytes) -> None:
+        self.numbers, self.table = numbers, table
+        # By age, the latest first.
+        self.edges, self.vertices = deque([(0, 0)] * LIST, LIST), deque([0] * LIST, LIST)
+        self.next = self._last = 0  # the lowest vertex not used yet; the latest vertex that was read as a number
+
+    def take_next(self) -> int:
+        """The lowest vertex not used yet, which is used by this."""
+        self.next += 1
+        return self.next - 1
+
+    def read(self) -> int:
+        """A vertex from the data."""
+        return self.step(self.numbers.read())
+
+    def step(self, difference: int) -> int:
+        """A vertex from its difference to the latest one that was read."""
+        self._last += difference
+        return self._last
+
+
+def _begin(code: int, state: _Decoded) -> tuple[int, int, int]:
+    """Decode a triangle without a known edge."""
+    pair = state.table[code & 15] if code < 0xFE else state.numbers.byte()
+    if code >= 0xFE and pair == 0:
+        state.next = 0
+    second, third, vertices = pair >> 4, pair & 15, state.vertices
+    # Numbers follow the codes: vertices in order, or of some age, come before any number is read.
+    a = 0 if code == 0xFF else state.take_next()
+    b = state.take_next() if second == NEXT else vertices[second - 1]
+    c = state.take_next() if third == NEXT else vertices[third - 1]
+    if code == 0xFF:
+        a = state.read()
+    if second == OTHER:
+        b = state.read()
+    if third == OTHER:
+        c = state.read()
+    vertices.appendleft(a)
+    if second in (NEXT, OTHER):
+        vertices.appendleft(b)
+    if third in (NEXT, OTHER):
+        vertices.appendleft(c)
+    return a, b, c
 
 
 def decode_indices(content: bytes, count: int) -> Integers:

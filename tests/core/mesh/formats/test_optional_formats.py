@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from zoomout_core.mesh.formats import more_files
 from zoomout_core.mesh.formats.files import read_surface
+from zoomout_core.mesh.formats.polygons import reverse_winding
 from zoomout_core.mesh.surface import MeshError
 
 STAGE = """#usda 1.0
@@ -100,7 +100,7 @@ def test_missing_packages_are_named_with_their_extra(
 
 
 def test_winding_is_reversed_face_by_face() -> None:
-    assert more_files._reverse_winding(np.array([0, 1, 2, 3, 4, 5, 6]), np.array([3, 4])).tolist() == [
+    assert reverse_winding(np.array([0, 1, 2, 3, 4, 5, 6]), np.array([3, 4])).tolist() == [
         2,
         1,
         0,

@@ -1,19 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Shared parameters of the filters, their translation to options of the core, and the correspondence they use."""
+"""Match two layers, or read the correspondence stored on one, and report on it."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import TYPE_CHECKING, Any
 
 import zoomout_core as zo
 from meshlab_filter.mesh_data import Layer
-from meshlab_filter.parameters import CHOICE, COUNT, DATA, MESH, NUMBER, SWITCH, TEXT, Parameter
 from meshlab_filter.stored import Correspondence, read_stored
-from zoomout_core.matching import option_table
-from zoomout_core.matching.option_table import Interface, Kind, Option, select_options
+from zoomout_core.matching.option_table import Interface
 from zoomout_core.matching.presets import resolve_detail
 from zoomout_core.matching.report.part_report import name_components, notes_on_parts, part_figures
 from zoomout_core.mesh.named_parts import NamedParts
@@ -26,45 +24,6 @@ if TYPE_CHECKING:
 # The list and the parts of `remember_matches`.
 _MATCHES: ContextVar[list[zo.MatchResult] | None] = ContextVar("_MATCHES", default=None)
 _PARTS: ContextVar[NamedParts | None] = ContextVar("_PARTS", default=None)
-
-SOURCE = Parameter("sourcemesh", MESH, 0, "The mesh that gives.")
-TARGET = Parameter("targetmesh", MESH, 1, "The mesh that receives.")
-STORED = Parameter(
-    "correspondence",
-    TEXT,
-    "correspondence",
-    "The name under which compute_correspondence_by_zoomout stored it on the target.",
-)
-STORED_OR_NEW = Parameter(
-    "correspondence",
-    TEXT,
-    "",
-    "The name under which compute_correspondence_by_zoomout stored it on the target; empty: find one.",
-)
-# Kinds of options in the core's table that have their own parameter type; all others take arrays or files.
-TYPES = {
-    Kind.START: CHOICE,
-    Kind.CHOICE: CHOICE,
-    Kind.FLAG: SWITCH,
-    Kind.COUNT: COUNT,
-    Kind.NUMBER: NUMBER,
-    Kind.ANGLE: NUMBER,
-}
-
-
-def parameters_of(options: Sequence[Option]) -> tuple[Parameter, ...]:
-    """The parameters for rows of the option table."""
-    return tuple(_parameter(option) for option in select_options(options, Interface.MESHLAB))
-
-
-def _parameter(option: Option) -> Parameter:
-    choices = tuple(choice.name for choice in option.choices_in(Interface.MESHLAB))
-    unit = ", in degrees" if option.kind is Kind.ANGLE else ""
-    return Parameter(option.name, TYPES.get(option.kind, DATA), option.default, f"{option.help}{unit}.", choices)
-
-
-ACCURACY = parameters_of(option_table.ACCURACY)
-MATCHING = parameters_of((*option_table.MATCHING, *option_table.ACCURACY, *option_table.RESULT))
 
 
 def match_layers(source: Layer, target: Layer, candidate: int, **matching: Any) -> zo.MatchResult:

@@ -1,0 +1,46 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Lashes are mapped by the skin beside them."""
+
+from __future__ import annotations
+
+import numpy as np
+from transfer_meshes import nearest_map
+
+import zoomout_core as zo
+from zoomout_core.samples.grids import grid, grid_faces, triangles_of
+from zoomout_core.transfer.keys.lash_images import attach_lashes
+from zoomout_core.transfer.mapped_target import MappedTarget
+
+SKIN, STRIP = grid(np.linspace(0, 1, 21), np.linspace(0, 1, 21)), grid(np.linspace(0, 1, 21), np.linspace(0, 0.1, 3))
+COUNT = len(SKIN.vertices)
+PLACES = np.vstack([SKIN.vertices, STRIP.vertices + np.array([0, 0.5, 0.05])])
+SOURCE = zo.Surface(PLACES, np.vstack([triangles_of(grid_faces(20, 20)), COUNT + triangles_of(grid_faces(20, 2))]))
+BLINKS = np.arange(len(PLACES)) >= COUNT
+
+
+def slid_map(turn: np.ndarray) -> MappedTarget:
+    """A turned copy, whose lashes are mapped off along themselves."""
+    off = np.where(BLINKS[:, None], (0.08, 0, 0), 0)
+    target = SOURCE.with_vertices(PLACES @ turn.T)
+    return MappedTarget(SOURCE, target, nearest_map(PLACES + off, SOURCE), np.ones(len(PLACES)))
+
+
+def test_lashes_that_slid_are_moved_back() -> None:
+    quarter = 2.0 * np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    for turn in (np.eye(3), quarter):
+        mapped = slid_map(turn)
+        assert np.abs(mapped.points - PLACES)[BLINKS].max() > 0.07
+        found = attach_lashes(BLINKS[SOURCE.working.vertex_of], 0, mapped)
+        np.testing.assert_allclose(found.points, PLACES, atol=1e-9)
+
+
+def test_parts_that_blinks_leave_keep_their_map() -> None:
+    mapped = slid_map(np.eye(3))
+    assert attach_lashes(np.zeros(len(PLACES), dtype=bool), 0, mapped) is mapped
+
+
+def test_lashes_without_a_skin_keep_their_map() -> None:
+    mapped = slid_map(np.eye(3))
+    on_lashes = nearest_map(PLACES[BLINKS][np.zeros(len(PLACES), dtype=int)], SOURCE)
+    alone = MappedTarget(SOURCE, mapped.target, on_lashes, mapped.confidence)
+    assert attach_lashes(BLINKS[SOURCE.working.vertex_of], 0, alone) is alone
