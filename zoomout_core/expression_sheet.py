@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from math import ceil, sqrt
 from typing import TypeAlias
 
@@ -16,7 +17,6 @@ from zoomout_core.drawing import draw_triangles
 from zoomout_core.geometry.procrustes import Similarities, procrustes
 from zoomout_core.mesh.triangles import unit_vectors, vertex_areas, vertex_normals, widen
 from zoomout_core.messages import message
-from zoomout_core.runtime.once import cached_property
 from zoomout_core.runtime.progress import advance, stage
 
 # Pixels of a head, of the line above it, and between tiles.

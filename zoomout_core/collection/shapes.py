@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from hashlib import blake2b
 from os import PathLike
 from pathlib import Path
@@ -23,7 +24,6 @@ from zoomout_core.mesh.formats.files import read_shape
 from zoomout_core.mesh.shapes import as_surface
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.runtime.array_files import ArrayFileError, read_arrays
-from zoomout_core.runtime.once import cached_property
 from zoomout_core.runtime.progress import stage
 from zoomout_core.runtime.threads import on_one_blas_thread
 

@@ -7,6 +7,7 @@ The closest point is in the interior of a triangle, on an edge or at a corner. I
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -14,9 +15,7 @@ from scipy.sparse import coo_array, csc_array
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import AnyFloats, Floats, Indices, Integers, row_norms, take_rows
-from zoomout_core.runtime.once import cached_property
-from zoomout_core.runtime.progress import silent
-from zoomout_core.runtime.threads import for_each, threads
+from zoomout_core.runtime.threads import threads
 
 # Pairs of a point and a triangle processed together; bounds the memory.
 BLOCK = 1 << 17
@@ -258,8 +257,7 @@ class EmbeddedSurface:
         # Queries with the same nearest vertex share its candidates' rows in the processor's cache.
         order = np.argsort(nearest, kind="stable")
         pairs_each = np.diff(neighbourhoods.first_vertex)[nearest[order]].astype(np.int64)
-
-        def search(block: Integers) -> None:
+        for block in map(order.__getitem__, consecutive(pairs_each * max(8, embedding.shape[1]), BLOCK * 2)):
             # Inner products of each query with each nearby vertex, computed once per pair.
             query, pair_vertex, first = _lists(neighbourhoods.first_vertex, neighbourhoods.vertex, nearest[block])
             beside = take_rows(points, block[query]), take_rows(embedding, pair_vertex)
@@ -278,10 +276,6 @@ class EmbeddedSurface:
             hit = _first_min(distance, query)
             triangle[block] = candidate[hit]
             barycentric[block] = weights[hit]
-
-        blocks = consecutive(pairs_each * max(8, embedding.shape[1]), BLOCK * 2)
-        with silent():
-            for_each(search, [order[block] for block in blocks])
         return triangle, barycentric
 
 

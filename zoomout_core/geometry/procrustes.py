@@ -13,12 +13,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from zoomout_core.arrays import Floats, Integers
-from zoomout_core.runtime.once import cached_property
 
 # Guard against division by zero.
 SMALLEST = 1e-300

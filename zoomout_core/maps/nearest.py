@@ -8,18 +8,11 @@ from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import AnyFloats, Integers, SingleFloats
 from zoomout_core.geometry.closest_points import SINGLE_PRECISION_DIMENSION
-from zoomout_core.runtime.progress import silent
-from zoomout_core.runtime.threads import for_each
 
 # Entries of a block of inner products that is computed at once; bounds the memory.
 BLOCK = 1 << 24
 # Bound on the error of squared distances by single-precision products, relative to the squared norms.
 ROUNDING = 1e-6
-
-# Products of two entries from which a search is divided into blocks for several threads, and their minimum number. The
-# blocks do not depend on the number of threads.
-MIN_SHARED_PRODUCTS = 1 << 26
-SHARES = 4
 
 # A k-d tree is faster than inner products up to this dimension, for more points than that. All searches are exact.
 MAX_TREE_DIMENSION = 8
@@ -42,19 +35,8 @@ def nearest(queries: AnyFloats, points: AnyFloats) -> Integers:
     extended = _extend(queries.astype(dtype))
     found = np.empty((*points.shape[:-2], len(queries)), dtype=np.int64)
     rows = max(1, BLOCK * k // points.size)
-    if is_shared := len(queries) * points.size > MIN_SHARED_PRODUCTS:
-        rows = max(1, min(rows // SHARES, -(-len(queries) // SHARES)))
-
-    def search(start: int) -> None:
+    for start in range(0, len(queries), rows):
         found[..., start : start + rows] = np.argmax(extended[start : start + rows] @ table, axis=-1)
-
-    starts = range(0, len(queries), rows)
-    if is_shared:
-        with silent():
-            for_each(search, starts)
-    else:
-        for start in starts:
-            search(start)
     return found
 
 
@@ -63,16 +45,12 @@ def nearest_among(queries: AnyFloats, points: AnyFloats, candidates: Integers) -
     points = points.astype(np.float32)
     half_norm = np.einsum("nk,nk->n", points, points) / 2
     found = np.empty(len(queries), dtype=np.int64)
-    rows = max(1, BLOCK // (4 * SHARES * candidates.shape[1] * points.shape[1]))
-
-    def search(start: int) -> None:
+    rows = max(1, BLOCK // (4 * candidates.shape[1] * points.shape[1]))
+    for start in range(0, len(queries), rows):
         near = candidates[start : start + rows]
         block = queries[start : start + rows].astype(np.float32)
         score = (points[near] @ block[:, :, None])[:, :, 0] - half_norm[near]
         found[start : start + rows] = near[np.arange(len(near)), np.argmax(score, axis=1)]
-
-    with silent():
-        for_each(search, range(0, len(queries), rows))
     return found
 
 

@@ -27,7 +27,6 @@ from zoomout_core.matching.preparation.prepare import AHEAD, prepare_shape
 from zoomout_core.matching.ranking.finished_maps import rank_finished
 from zoomout_core.matching.ranking.rank import Candidate, rank, upsample_hypothesis
 from zoomout_core.matching.ranking.rotational_symmetry import self_maps, with_turned
-from zoomout_core.matching.registration.both_ways import prepare_registration
 from zoomout_core.matching.report.notes import notes_on_input, notes_on_landmarks
 from zoomout_core.matching.result import MatchResult, make_result, outline
 from zoomout_core.matching.retry import needs_retry, retry
@@ -201,10 +200,10 @@ def _find_candidates(pair: Pair, known: Constraints, options: MatchOptions) -> l
         candidates = rank(hypotheses, *shapes, disagreement, show=partial(_show, pair))
         _show_candidates(pair, candidates)
     with stage("Comparing finished maps", 0.8, 1.0):
-        candidates, _ = side_by_side(
-            lambda: rank_finished(candidates, *shapes, pair.step),
-            lambda: for_each(partial(_prepare_rest, turns=automatic), shapes),
-        )
+        with portion(0.0, 0.2):
+            for_each(partial(_prepare_rest, turns=automatic), shapes)
+        with portion(0.2, 1.0):
+            candidates = rank_finished(candidates, *shapes, pair.step)
     return with_turned(candidates, *shapes, disagreement) if automatic else candidates
 
 
@@ -219,15 +218,12 @@ def _show(pair: Pair, sample_maps: Sequence[Integers]) -> None:
 
 
 def _prepare_rest(shape: ShapeAnalysis, turns: bool) -> None:
-    """Compute data that only stages after the candidates need, so that the first look need not wait for it.
-
-    Beside it, the first candidate is refined.
-    """
+    """Compute data that only stages after the candidates need, so that the first look need not wait for it."""
     if turns:
         self_maps(shape)
     if not shape.proxy.full.is_hull:
         _ = shape.proxy.place
-    prepare_registration(shape)
+    _ = shape.neighbourhoods
 
 
 def _read(shape: Surface | PointCloud) -> Surface:

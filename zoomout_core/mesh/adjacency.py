@@ -3,11 +3,12 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 from scipy.sparse import csr_array
 
 from zoomout_core.arrays import Booleans, Integers
-from zoomout_core.runtime.once import cached_property
 
 
 class Lists:

@@ -8,6 +8,7 @@ which coincident borders are welded, degenerate faces are removed, the winding i
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Any, cast
 
 import numpy as np
@@ -19,7 +20,6 @@ from zoomout_core.mesh.triangles import triangle_areas, unit_vectors, vertex_are
 from zoomout_core.mesh.triangulation import triangulate
 from zoomout_core.mesh.working_mesh import WorkingMesh, working_mesh
 from zoomout_core.messages import as_message, message
-from zoomout_core.runtime.once import cached_property
 from zoomout_core.runtime.summary import Summary
 
 # Larger coordinates overflow when areas are squared.

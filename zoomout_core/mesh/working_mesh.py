@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -18,7 +19,6 @@ from zoomout_core.mesh.triangles import (
     vertex_normals,
 )
 from zoomout_core.mesh.welding import repeated_triangles, weld
-from zoomout_core.runtime.once import cached_property
 
 # The volume of a closed surface, relative to a sphere's of the same area, is exact up to this rounding.
 NO_VOLUME = 1e-9

@@ -113,11 +113,6 @@ def reporting(report: Report) -> Iterator[None]:
         _report.reset(token)
 
 
-def silent() -> AbstractContextManager[None]:
-    """A block of a few milliseconds that reports no progress, so nothing cancels it either."""
-    return reporting(_ignore)
-
-
 @contextmanager
 def renaming(rename: Callable[[str], str]) -> Iterator[None]:
     """Change the titles of the stages of a block."""

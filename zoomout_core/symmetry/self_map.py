@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -16,7 +17,6 @@ from zoomout_core.matching.preparation.prepare import prepare_shape
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.working_mesh import WorkingMesh
-from zoomout_core.runtime.once import cached_property
 from zoomout_core.runtime.progress import portion, stage
 from zoomout_core.runtime.summary import Summary
 from zoomout_core.runtime.threads import on_one_blas_thread

@@ -9,6 +9,7 @@ triangle, starting on the right side; no walk crosses a cut.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -17,7 +18,6 @@ from zoomout_core.arrays import Booleans, Floats, Integers, segment_sum
 from zoomout_core.geometry.closest_points import HUB, barycentric_of_closest, consecutive
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_normals
-from zoomout_core.runtime.once import cached_property
 from zoomout_core.runtime.progress import portion
 from zoomout_core.runtime.threads import for_each, threads
 from zoomout_core.transfer.groups import expand_ranges, group_starts, label_groups

@@ -8,6 +8,7 @@ images along the border of the neighbourhood, so that the noise of a map cancels
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,7 @@ from zoomout_core.geometry.procrustes import MIN_SPREAD, Moments, nearest_rotati
 from zoomout_core.geometry.screened_smoothing import ScreenedSmoothing
 from zoomout_core.mesh.triangles import vertex_areas
 from zoomout_core.mesh.working_mesh import WorkingMesh
-from zoomout_core.runtime.once import cached_property, once_per_argument
+from zoomout_core.runtime.once import once_per_argument
 from zoomout_core.spectral.laplacian import mesh_laplacian
 from zoomout_core.transfer.attribute import Domain
 from zoomout_core.transfer.mapped_target import MappedTarget

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -11,7 +12,6 @@ from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import edge_lengths, triangle_areas
-from zoomout_core.runtime.once import cached_property
 from zoomout_core.transfer.attribute import Domain, mean_over_vertices
 from zoomout_core.transfer.cut_mesh import (
     CutSurface,

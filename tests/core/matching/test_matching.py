@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import threading
 from typing import Any, NoReturn
 
 import numpy as np
@@ -14,7 +13,6 @@ from scipy.spatial import ConvexHull
 import zoomout_core as zo
 from zoomout_core.matching import pipeline
 from zoomout_core.matching.hypotheses import collect
-from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 from zoomout_core.matching.ranking import rank as ranking
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.runtime.progress import Outlines
@@ -22,8 +20,6 @@ from zoomout_core.spectral import eigenbasis
 
 # Limit of the mean geodesic error over sqrt(area) for a right map of the bent creature; flips exceed it tenfold.
 RIGHT = 0.03
-# Timeout in seconds of a test that waits for another thread.
-LONG = 60
 
 
 def mean_error(result: zo.MatchResult, source: Surface, truth: np.ndarray) -> float:
@@ -89,28 +85,6 @@ def test_first_look_does_not_wait_for_self_maps(coarse, monkeypatch: pytest.Monk
         match_coarsely(coarse, progress=cancel_at_first_look)
     with pytest.raises(AssertionError):
         match_coarsely(coarse)
-
-
-def test_self_maps_are_computed_beside_the_finished_map(coarse, monkeypatch: pytest.MonkeyPatch) -> None:
-    meeting, prepare, finish = threading.Barrier(2), pipeline._prepare_rest, pipeline.rank_finished
-    at_source = threading.Lock()
-
-    def prepare_then(shape: ShapeAnalysis, turns: bool) -> None:
-        if at_source.acquire(blocking=False):
-            meeting.wait(timeout=LONG)  # breaks unless the first candidate is refined meanwhile
-        prepare(shape, turns)
-
-    def finish_then(*given: object) -> object:
-        meeting.wait(timeout=LONG)
-        return finish(*given)  # type: ignore[arg-type]
-
-    monkeypatch.setattr(pipeline, "_prepare_rest", prepare_then)
-    monkeypatch.setattr(pipeline, "rank_finished", finish_then)
-    zo.set_threads(2)
-    try:
-        match_coarsely(coarse)
-    finally:
-        zo.set_threads(None)
 
 
 def test_a_first_look_does_not_wait_for_candidates_to_be_refined(coarse, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,7 +11,7 @@ from creatures import creature
 from reports import fractions_of, reports_of
 
 import zoomout_core as zo
-from zoomout_core.runtime.progress import advance, listening, portion, renaming, show_outlines, silent, stage
+from zoomout_core.runtime.progress import advance, listening, portion, renaming, show_outlines, stage
 
 
 def round_progress(progress: zo.Progress) -> tuple[float, str]:
@@ -74,15 +74,6 @@ def test_renaming_changes_titles_but_not_empty_ones() -> None:
         with stage("Thinking", 0.2, 0.4):
             advance(0.5)
     assert [round_progress(one) for one in heard] == [(0.1, ""), (0.2, "THINKING"), (0.3, "THINKING")]
-
-
-def test_silent_block_reports_nothing() -> None:
-    heard: list[zo.Progress] = []
-    with zo.progress(heard.append):
-        with silent():
-            advance(0.5)
-        advance(0.2)
-    assert [progress.fraction for progress in heard] == [0.2]
 
 
 def test_reported_fractions_never_fall_or_exceed_one() -> None:

@@ -17,8 +17,6 @@ import zoomout_core as zo
 from zoomout_core.assets.given_levels import complete_levels
 from zoomout_core.assets.lods import make_lods
 from zoomout_core.assets.transfer_asset import transfer_asset
-from zoomout_core.geometry import closest_points
-from zoomout_core.maps import nearest
 from zoomout_core.matching.components.hulls import HULLS
 from zoomout_core.runtime.progress import advance, portion, stage
 from zoomout_core.runtime.threads import (
@@ -394,12 +392,7 @@ def test_invalid_numbers_of_threads_are_refused(count: object) -> None:
 
 @pytest.mark.slow(but=1)
 @pytest.mark.parametrize(("pair", "counts"), [("skins", (1, 5)), ("shells", (1, 8))])
-def test_maps_do_not_depend_on_the_number_of_threads(
-    pair: str, counts: tuple[int, ...], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    # Small meshes, too, are searched in many blocks.
-    monkeypatch.setattr(nearest, "MIN_SHARED_PRODUCTS", 0)
-    monkeypatch.setattr(closest_points, "BLOCK", 1 << 14)
+def test_maps_do_not_depend_on_the_number_of_threads(pair: str, counts: tuple[int, ...]) -> None:
     if pair == "skins":
         source, target = creature(400, 0, 0.0).surface, creature(350, 1, 0.9).surface
     else:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -29,7 +30,6 @@ from zoomout_core.matching.components.similarity_field import SimilarityField
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.preparation.memory_cache import cached_hull
 from zoomout_core.mesh.triangles import area_normals, triangle_areas, unique_edges, unit_vectors
-from zoomout_core.runtime.once import cached_property
 from zoomout_core.tuning import Tuning, tuned
 
 # Samples of the target around a part, and of the source's outside for a unit of area. One in `SPARSE` is registered.

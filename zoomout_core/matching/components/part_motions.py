@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -22,7 +23,6 @@ from zoomout_core.geometry.oriented_closest_points import OrientedSurface
 from zoomout_core.geometry.procrustes import Moments, Similarities, products
 from zoomout_core.matching.components.parts import Side
 from zoomout_core.matching.components.similarity_field import SimilarityField
-from zoomout_core.runtime.once import cached_property
 from zoomout_core.tuning import Tuning, tuned
 
 # Vertices by which a part is registered: at most, and at least.

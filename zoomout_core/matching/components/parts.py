@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy
@@ -21,7 +22,6 @@ from zoomout_core.matching.components.hulls import orient_outwards
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import edge_graph, triangle_areas, vertex_areas
 from zoomout_core.mesh.working_mesh import WorkingMesh
-from zoomout_core.runtime.once import cached_property
 from zoomout_core.spectral.sampling import farthest_points
 
 # Parts of each surface that are paired one to one, the largest first. A mesh with more has debris or strands of hair.

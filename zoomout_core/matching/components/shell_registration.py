@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -16,7 +17,6 @@ from scipy.spatial import cKDTree
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.geometry.oriented_closest_points import surface_samples
 from zoomout_core.geometry.procrustes import Similarities, procrustes
-from zoomout_core.runtime.once import cached_property
 from zoomout_core.tuning import Tuning, tuned
 
 # Shells are this far apart in the fourth coordinate of a tree that holds them all.

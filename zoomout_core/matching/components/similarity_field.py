@@ -9,6 +9,7 @@ Schmid and Pauly, Embedded deformation for shape manipulation, 2007).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -16,7 +17,6 @@ from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Floats
 from zoomout_core.geometry.procrustes import Moments, products
-from zoomout_core.runtime.once import cached_property
 from zoomout_core.spectral.eigenbasis import SpectralBasis
 
 # Diffusion lengths over which neighbourhoods are pooled, at unit area; points farther from the body use longer ones.

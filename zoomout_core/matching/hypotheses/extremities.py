@@ -29,7 +29,6 @@ from zoomout_core.matching.refinement.local_rigid_alignment import sides_are_kno
 from zoomout_core.mesh.triangles import unique_edges
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.runtime.once import once_per_argument
-from zoomout_core.runtime.threads import for_each
 from zoomout_core.tuning import Tuning, tuned
 
 
@@ -140,9 +139,20 @@ def _best_maps(
     """The distinct maps of pairings that keep best what an isometry keeps, for each of some sides."""
     tips_source, tips_target = tips_of(source), tips_of(target)
     found = [pairing for pairing in _all_pairings(tips_target, tips_source) if wanted(*pairing)]
+    at_source, at_target = tips_source.places.at(source.search.samples), tips_target.places.at(target.search.samples)
+    size = min(EXTREMITIES.coarse_size, source.search.rows.shape[1], target.search.rows.shape[1])
     hypotheses = []
     for side in sides if found else ():
-        scores, places = _compare_pairings(found, tips_source, tips_target, source, target, disagreement, side)
+        scores, places = [], []
+        features: dict[bytes, Floats] = {}  # of the target's tips: many pairings have the same
+        for of_target, of_source in found:
+            if (tips := of_target.tobytes()) not in features:
+                features[tips] = at_target.features(of_target, side)
+            sample_map = nearest(features[tips], at_source.features(of_source))
+            functional_map = target.search.fit(source.search.rows[sample_map, :size], size)
+            evidence = disagreement(functional_map, sample_map, None)
+            scores.append(total_score(scores_of(functional_map, sample_map, source, target, side < 0) | evidence))
+            places.append(source.coordinates[sample_map])
         kept = _select(np.array(scores), alike(places, HYPOTHESES.same_map), [len(pairs) for pairs, _ in found], quotas)
         for of_target, of_source in (found[i] for i in kept):
             pairs = " ".join(f"{t}-{s}" for t, s in zip(of_target, of_source, strict=True))
@@ -170,33 +180,6 @@ def _select(scores: Floats, same: Booleans, pairs: Sequence[int], quotas: tuple[
                 # Among similar maps, keep the one that most pairs support, whatever their order.
                 kept.append(int(by_pairs[np.argmax(same[i, by_pairs])]))
     return kept
-
-
-def _compare_pairings(
-    pairings: Sequence[tuple[Integers, Integers]],  # not empty
-    tips_source: Extremities,
-    tips_target: Extremities,
-    source: ShapeAnalysis,
-    target: ShapeAnalysis,
-    disagreement: Disagreement,
-    side: int,
-) -> tuple[tuple[float, ...], tuple[Floats, ...]]:
-    """Scores of the maps of pairings, and the (s, d) coordinates of the places that each maps to."""
-    at_source, at_target = tips_source.places.at(source.search.samples), tips_target.places.at(target.search.samples)
-    size = min(EXTREMITIES.coarse_size, source.search.rows.shape[1], target.search.rows.shape[1])
-    tips = {of_target.tobytes(): of_target for of_target, _ in pairings}  # many pairings have the same
-    features = {key: at_target.features(of_target, side) for key, of_target in tips.items()}
-
-    def compare(pairing: tuple[Integers, Integers]) -> tuple[float, Floats]:
-        of_target, of_source = pairing
-        sample_map = nearest(features[of_target.tobytes()], at_source.features(of_source))
-        functional_map = target.search.fit(source.search.rows[sample_map, :size], size)
-        evidence = disagreement(functional_map, sample_map, None)
-        score = total_score(scores_of(functional_map, sample_map, source, target, side < 0) | evidence)
-        return score, source.coordinates[sample_map]
-
-    scores, places = zip(*for_each(compare, pairings), strict=True)
-    return scores, places
 
 
 @once_per_argument

@@ -9,6 +9,7 @@ through a cut is longer, and the area around a place is valid up to the nearest 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -19,7 +20,6 @@ from zoomout_core.maps.zoomout import SampledBasis
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 from zoomout_core.mesh.triangles import border_edges, edge_graph
 from zoomout_core.mesh.working_mesh import WorkingMesh
-from zoomout_core.runtime.once import cached_property
 from zoomout_core.tuning import Tuning, tuned
 
 

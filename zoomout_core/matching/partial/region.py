@@ -8,6 +8,7 @@ whole. Both are compared in a unit in which the part has a typical area.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -18,7 +19,6 @@ from zoomout_core.matching.partial.landmark_search import landmarks_of
 from zoomout_core.matching.partial.part_registration import RegisteredPart
 from zoomout_core.matching.preparation.analysis import ANALYSIS, ShapeAnalysis, analyse
 from zoomout_core.matching.registration.correspondences import Surroundings
-from zoomout_core.runtime.once import cached_property
 from zoomout_core.runtime.threads import for_each
 from zoomout_core.tuning import Tuning, tuned
 

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 from scipy.sparse import csc_array
@@ -18,7 +18,6 @@ from zoomout_core.matching.preparation.proxy import Proxy, make_proxy
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.mesh.triangles import edge_graph
 from zoomout_core.mesh.working_mesh import WorkingMesh
-from zoomout_core.runtime.once import cached_property
 from zoomout_core.runtime.progress import advance, portion
 from zoomout_core.runtime.threads import side_by_side
 from zoomout_core.spectral.descriptors import mean_curvature, pseudo_scalar_signatures, signature_bands, unit_columns

@@ -8,6 +8,7 @@ much less time. Coarse ones are subdivided, in their shape.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -19,7 +20,6 @@ from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.decimation import decimate
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.working_mesh import WorkingMesh
-from zoomout_core.runtime.once import cached_property
 from zoomout_core.tuning import Tuning, tuned
 
 

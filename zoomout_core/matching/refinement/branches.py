@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import permutations
-from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse.csgraph import connected_components, dijkstra
@@ -23,12 +22,11 @@ from zoomout_core.geometry.closest_points import closest_on_triangles
 from zoomout_core.geometry.oriented_closest_points import surface_samples
 from zoomout_core.geometry.procrustes import procrustes
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.matching.hypotheses.extremities import EXTREMITIES, maxima
+from zoomout_core.matching.hypotheses.extremities import maxima
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import edge_graph
-from zoomout_core.runtime.once import once_per_argument
 from zoomout_core.tuning import Tuning, tuned
 
 # Maximum number of samples of a branch to which another one is registered, and their average number on a triangle.
@@ -69,30 +67,6 @@ class Branches:
     group: Integers  # (m,) number of the group of siblings that each belongs to, such as the fingers of a hand
 
 
-class Tips(NamedTuple):
-    """Tips of a shape, by falling persistence."""
-
-    vertices: Integers  # (m,) of the mesh
-    persistence: Floats  # (m,)
-    distances: Floats  # (m, n) geodesic distances from them
-
-    def leading(self, persistence: float, max_count: int) -> Tips:
-        """The first tips, those above a persistence."""
-        count = min(int((self.persistence > persistence).sum()), max_count)
-        return Tips(self.vertices[:count], self.persistence[:count], self.distances[:count])
-
-
-@once_per_argument
-def find_tips(shape: ShapeAnalysis) -> Tips:
-    """The tips of a shape that may have branches, or be pinned to those of another shape."""
-    vertices, persistence = maxima(shape)
-    count = int((persistence > min(BRANCHES.persistence, EXTREMITIES.lesser_persistence)).sum())
-    count = min(count, max(BRANCHES.max_count, EXTREMITIES.max_count))
-    graph = edge_graph(shape.mesh.vertices, shape.mesh.triangles)
-    distances = np.asarray(dijkstra(graph, indices=vertices[:count]))
-    return Tips(vertices[:count], persistence[:count], distances.reshape(count, len(shape.mesh.vertices)))
-
-
 def branches_of(pair: Pair) -> tuple[Branches, Branches] | None:
     """The branches of the source and of the target; None if there are none, or if maps keep exact landmarks."""
     shapes = pair.source_shape, pair.target_shape
@@ -129,7 +103,9 @@ def exchange_branches(
 
 def _branches(surface: Surface, shape: ShapeAnalysis) -> Branches:
     """The branches of a shape that have siblings."""
-    tips, _, on_proxy = find_tips(shape).leading(BRANCHES.persistence, BRANCHES.max_count)
+    vertices, persistence = maxima(shape)
+    tips = vertices[persistence > BRANCHES.persistence][: BRANCHES.max_count]
+    on_proxy = np.asarray(dijkstra(edge_graph(shape.mesh.vertices, shape.mesh.triangles), indices=tips))
     between = on_proxy[:, tips]
     length = (between + np.diag(np.full(len(tips), np.inf))).min(axis=1, initial=np.inf) / 2
     short = length < BRANCHES.max_length  # long branches have no siblings

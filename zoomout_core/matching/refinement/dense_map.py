@@ -15,7 +15,6 @@ from zoomout_core.matching.partial.region import is_small
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 from zoomout_core.matching.ranking.finished_maps import refine_candidate
 from zoomout_core.matching.ranking.rank import Candidate
-from zoomout_core.matching.refinement.branches import find_tips
 from zoomout_core.matching.refinement.confidence import Partners, confidence_of, partners_by_cycle
 from zoomout_core.matching.refinement.extremity_pins import pin_extremities
 from zoomout_core.matching.refinement.refine import REFINEMENT, functional_map_by, refine
@@ -57,10 +56,7 @@ def _map_of_wholes(pair: Pair, candidate: Candidate) -> DenseMap:
         how = candidate.mirrored, min(pair.k_final, REFINEMENT.max_functions_back), pair.step
         swapped = None if candidate.final_anchors is None else candidate.final_anchors.swap()
         back, _ = refine(target, source, candidate.reverse_functional_map, swapped, *how)
-        # The map back ends first: there is time to prepare what the lift and the repair need.
-        _ = source.proxy.search
-        for shape in (source, target):
-            find_tips(shape)
+        _ = source.proxy.search  # the map back ends first: there is time to prepare what the lift needs
         return back
 
     with portion(0.0, AVERAGING):

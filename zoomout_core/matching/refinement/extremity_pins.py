@@ -10,16 +10,19 @@ are stretched to their tips, and the registration is repeated with the pins.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+from scipy.sparse.csgraph import dijkstra
 
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.maps.bend import bend
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.matching.hypotheses.extremities import EXTREMITIES
+from zoomout_core.matching.hypotheses.extremities import EXTREMITIES, maxima
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
-from zoomout_core.matching.refinement.branches import find_tips
 from zoomout_core.matching.registration.nonrigid_icp import Pins
+from zoomout_core.mesh.triangles import edge_graph
+from zoomout_core.runtime.once import once_per_argument
 from zoomout_core.tuning import Tuning, tuned
 
 
@@ -42,6 +45,13 @@ class PinTuning(Tuning, set_by="correspondence"):
 PINS = PinTuning()
 
 
+class _Tips(NamedTuple):
+    """The extremities of a shape, the lesser ones, too."""
+
+    vertices: Integers  # (m,) of the mesh
+    distances: Floats  # (m, n) geodesic distances from them
+
+
 def pin_extremities(
     there: SurfaceMap, back: SurfaceMap, source: ShapeAnalysis, target: ShapeAnalysis
 ) -> tuple[SurfaceMap, Pins] | None:
@@ -56,8 +66,7 @@ def pin_extremities(
     Returns:
         The stretched map, and the pins for its registration; None if the map falls short of too few extremities.
     """
-    limits = EXTREMITIES.lesser_persistence, EXTREMITIES.max_count
-    of_source, of_target = (find_tips(shape).leading(*limits) for shape in (source, target))
+    of_source, of_target = _tips(source), _tips(target)
     if min(len(of_source.vertices), len(of_target.vertices)) == 0:
         return None
     missed = of_source.distances[:, there.vertex[of_target.vertices]]  # (m_source, m_target)
@@ -100,3 +109,12 @@ def _stretch(
     displacement = goal - surface_map.interpolate(source.mesh.vertices)[tip]
     meshes = source.mesh.vertices, target.mesh.vertices, target.mesh.triangles
     return bend(surface_map, *meshes, np.array([tip]), displacement[None], PINS.width * length)
+
+
+@once_per_argument
+def _tips(shape: ShapeAnalysis) -> _Tips:
+    vertices, persistence = maxima(shape)
+    vertices = vertices[persistence > EXTREMITIES.lesser_persistence][: EXTREMITIES.max_count]
+    graph = edge_graph(shape.mesh.vertices, shape.mesh.triangles)
+    distances = np.asarray(dijkstra(graph, indices=vertices))
+    return _Tips(vertices, distances.reshape(len(vertices), len(shape.mesh.vertices)))

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +20,6 @@ from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 from zoomout_core.matching.registration.correspondences import BOUND_SAMPLES
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import edge_lengths, triangle_normals, unique_edges, vertex_areas
-from zoomout_core.runtime.once import cached_property
 from zoomout_core.tuning import Tuning, tuned
 
 # Edges that are compared at once, so few that they stay in the processor's cache.

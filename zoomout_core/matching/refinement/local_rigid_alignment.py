@@ -20,8 +20,6 @@ from zoomout_core.maps.anchors import Anchors, coordinates
 from zoomout_core.maps.nearest import nearest
 from zoomout_core.maps.zoomout import SampledBasis
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
-from zoomout_core.runtime.progress import silent
-from zoomout_core.runtime.threads import side_by_side
 from zoomout_core.tuning import Tuning, tuned
 
 
@@ -101,19 +99,12 @@ def align_and_match(
 
     Returns (s,) the next source vertices, and the aligned samples.
     """
-
-    def in_space() -> Alignment:
-        count = min(RIGID_ALIGNMENT.image_functions, sampled.rows.shape[1])
-        aligned = align(sampled.fit(source.mesh.vertices[vertex], count), target, width, mirrored, sampled.samples)
-        return aligned.facing(source.mesh.vertex_normals[vertex], source, target)
-
-    def spectral() -> tuple[Floats, Floats]:
-        functional_map = sampled.fit(source.basis.eigenvectors[vertex, :k], k)
-        at_places = None if anchors is None else Anchors(anchors.source[among], anchors.target)
-        return coordinates(sampled.rows, source.basis.eigenvectors[among], functional_map, at_places)
-
-    with silent():
-        aligned, pair = side_by_side(in_space, spectral)
+    count = min(RIGID_ALIGNMENT.image_functions, sampled.rows.shape[1])
+    aligned = align(sampled.fit(source.mesh.vertices[vertex], count), target, width, mirrored, sampled.samples)
+    aligned = aligned.facing(source.mesh.vertex_normals[vertex], source, target)
+    functional_map = sampled.fit(source.basis.eigenvectors[vertex, :k], k)
+    anchors = None if anchors is None else Anchors(anchors.source[among], anchors.target)
+    pair = coordinates(sampled.rows, source.basis.eigenvectors[among], functional_map, anchors)
     found = nearest(*beside_places(*pair, aligned, source, k, weight, among))
     return np.arange(len(source.mesh.vertices))[among][found], aligned
 

@@ -24,8 +24,7 @@ from zoomout_core.matching.refinement.local_rigid_alignment import (
     align_and_match,
     beside_places,
 )
-from zoomout_core.runtime.progress import advance, silent
-from zoomout_core.runtime.threads import side_by_side
+from zoomout_core.runtime.progress import advance
 from zoomout_core.tuning import Tuning, tuned
 
 # Rounds on samples at the final size: a smaller step adds sizes below that, not rounds at it.
@@ -141,20 +140,13 @@ def _map_all_vertices(
 ) -> SurfaceMap:
     """One round on all vertices: the precise map in spectral and spatial coordinates, from a map of samples."""
     eigenvectors = source.basis.eigenvectors
-
-    def in_space() -> Alignment:
-        size_of_images = min(RIGID_ALIGNMENT.image_functions, _available(source, target))
-        images = target.sampled.fit(source.mesh.vertices[vertex], size_of_images)
-        normals = target.sampled.fit(source.mesh.vertex_normals[vertex], size_of_images)
-        aligned = align(images, target, width, mirrored)
-        return aligned.facing(target.basis.eigenvectors[:, :size_of_images] @ normals, source, target)
-
-    def spectral() -> tuple[Floats, Floats]:
-        functional_map = target.sampled.fit(eigenvectors[vertex, :size], size)
-        return coordinates(target.basis.eigenvectors, eigenvectors, functional_map, anchors)
-
-    with silent():
-        aligned, pair = side_by_side(in_space, spectral)
+    functional_map = target.sampled.fit(eigenvectors[vertex, :size], size)
+    size_of_images = min(RIGID_ALIGNMENT.image_functions, _available(source, target))
+    images = target.sampled.fit(source.mesh.vertices[vertex], size_of_images)
+    normals = target.sampled.fit(source.mesh.vertex_normals[vertex], size_of_images)
+    aligned = align(images, target, width, mirrored)
+    aligned = aligned.facing(target.basis.eigenvectors[:, :size_of_images] @ normals, source, target)
+    pair = coordinates(target.basis.eigenvectors, eigenvectors, functional_map, anchors)
     queries, embedded = beside_places(*pair, aligned, source, size, weight)
     near = _nearest_near_samples(queries, embedded, source)
     advance(0.85)

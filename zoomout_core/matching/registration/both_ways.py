@@ -15,8 +15,7 @@ import numpy as np
 from zoomout_core.arrays import Floats
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
-from zoomout_core.matching.registration.correspondences import GeodesicLimit, QueryPoints, Surroundings
-from zoomout_core.matching.registration.deformation_graph import Nodes
+from zoomout_core.matching.registration.correspondences import GeodesicLimit, Surroundings
 from zoomout_core.matching.registration.nonrigid_icp import Fit, Level, bend, replace_images
 
 # The registration of the source starts from the inverse of the finished one, so it needs fewer levels. The mean
@@ -28,14 +27,6 @@ INVERSE_SCHEDULE = (
 )
 # Images of a vertex that are farther apart than this, at unit area, may be on different parts: they have no mean.
 MAX_DIFFERENCE = 0.1
-
-
-def prepare_registration(shape: ShapeAnalysis) -> None:
-    """Compute what registrations of a shape in both directions need of it alone."""
-    Surroundings.of(shape)
-    for level in INVERSE_SCHEDULE:
-        QueryPoints.on(shape, level.nodes)
-        _ = Nodes.on(shape, min(level.nodes, len(shape.distances))).place
 
 
 def average_both_ways(fit: Fit, source: ShapeAnalysis, target: ShapeAnalysis, mirrored: bool) -> Fit:

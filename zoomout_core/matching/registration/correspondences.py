@@ -15,8 +15,6 @@ from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 from zoomout_core.matching.refinement.local_rigid_alignment import RIGID_ALIGNMENT
 from zoomout_core.mesh.triangles import unit_vectors
 from zoomout_core.runtime.once import once_per_argument
-from zoomout_core.runtime.progress import silent
-from zoomout_core.runtime.threads import side_by_side
 
 # Scale s of the weight 1 / (1 + (r / s)^2)^2 of a residual r, at unit area (Geman and McClure 1987), and the smallest
 # weight of a correspondence.
@@ -41,16 +39,10 @@ class QueryPoints:
     @classmethod
     def on(cls, shape: ShapeAnalysis, nodes: int) -> QueryPoints:
         """Points for a deformation graph of some number of nodes."""
-        return cls.first(shape, min(QUERY_POINTS_PER_NODE * nodes, MAX_QUERY_POINTS))
-
-    @staticmethod
-    @once_per_argument
-    def first(shape: ShapeAnalysis, count: int) -> QueryPoints:
-        """The first samples of a shape."""
-        samples = shape.sampled.samples[:count]
+        samples = shape.sampled.samples[: min(QUERY_POINTS_PER_NODE * nodes, MAX_QUERY_POINTS)]
         owner = np.asarray(cKDTree(shape.mesh.vertices[samples]).query(shape.mesh.vertices)[1])
         areas = shape.basis.areas
-        return QueryPoints(samples, segment_sum(areas, owner, len(samples)) / areas.sum())
+        return cls(samples, segment_sum(areas, owner, len(samples)) / areas.sum())
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,16 +106,10 @@ def residuals(
     Returns (q,) vertices of the target, (q, 3) residuals and (q, 3, 3) roots of weights.
     """
     mesh = around.source.mesh
-
-    def nearest_vertices() -> Integers:
-        if not len(there.vertex):  # a whole is not projected to its part
-            return there.vertex
-        return np.asarray(cKDTree(_with_normals(positions, normals)).query(around.places[there.vertex])[1])
-
-    with silent():
-        found, back = side_by_side(
-            lambda: around.closest(positions[here.vertex], normals[here.vertex]), nearest_vertices
-        )
+    found = around.closest(positions[here.vertex], normals[here.vertex])
+    back = there.vertex
+    if len(back):  # a whole is not projected to its part
+        back = np.asarray(cKDTree(_with_normals(positions, normals)).query(around.places[back])[1])
     vertex = np.concatenate([here.vertex, back])
     partner = np.concatenate([found.interpolate(mesh.vertices), mesh.vertices[there.vertex]])
     partner_normal = np.concatenate([found.interpolate(mesh.vertex_normals), mesh.vertex_normals[there.vertex]])

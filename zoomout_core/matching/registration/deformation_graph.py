@@ -9,6 +9,7 @@ which then costs less.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -20,7 +21,6 @@ from scipy.spatial.transform import Rotation
 from zoomout_core.arrays import Floats, Integers, SingleFloats, segment_sum, take_rows
 from zoomout_core.geometry.procrustes import Moments, products
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
-from zoomout_core.runtime.once import cached_property, once_per_argument
 
 # Diagonals grow by this part (Marquardt 1963), which exceeds the rounding of single precision. Single precision takes
 # two thirds of the time, and is exact enough because the next step searches closest points again. The second, relative
@@ -51,10 +51,8 @@ class Nodes:
     second: Integers  # (e,) the other node; each pair occurs in both orders
     bond: Floats  # (e,) the fraction of the first node's influence that it shares with the second
 
-    @staticmethod
-    @once_per_argument
-    def on(target: ShapeAnalysis, count: int) -> Nodes:
-        """The first distance samples of a shape as nodes, at most `count`."""
+    @classmethod
+    def on(cls, target: ShapeAnalysis, count: int) -> Nodes:
         distances = target.distances[:count]
         c = min(NODES_PER_VERTEX, len(distances) - 1)
         near, distance = _smallest(distances.T, c + 1)
@@ -69,7 +67,7 @@ class Nodes:
         first, second = np.nonzero(shared > 1e-3 * np.median(shared[shared > 0]))
         bond = shared[first, second]
         bond = bond / np.bincount(first, bond)[first]
-        return Nodes(target.sampled.samples[:count], near, weight, first, second, bond)
+        return cls(target.sampled.samples[:count], near, weight, first, second, bond)
 
     @cached_property
     def place(self) -> Integers:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple, Protocol, TypeAlias
 
 import numpy as np
@@ -19,7 +20,6 @@ from zoomout_core.geometry.sparse_solve import factorise
 from zoomout_core.maps.surface_map import interpolation_matrix
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_areas, unit_vectors, vertex_normals
-from zoomout_core.runtime.once import cached_property
 from zoomout_core.transfer.dressing.form import Form
 from zoomout_core.transfer.dressing.kept_parts import KeptParts
 from zoomout_core.tuning import Tuning, tuned

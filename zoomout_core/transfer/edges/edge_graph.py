@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -11,7 +12,6 @@ from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import edge_lengths
-from zoomout_core.runtime.once import cached_property
 from zoomout_core.transfer.cut_mesh import face_edges
 from zoomout_core.transfer.groups import find
 from zoomout_core.transfer.mapped_target import MappedTarget

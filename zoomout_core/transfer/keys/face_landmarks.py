@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -22,7 +23,6 @@ from zoomout_core.geometry.procrustes import SMALLEST
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.mesh.triangles import edge_graph, vertex_areas
 from zoomout_core.mesh.working_mesh import WorkingMesh
-from zoomout_core.runtime.once import cached_property
 from zoomout_core.transfer.attribute import Attribute
 from zoomout_core.transfer.frames import on_working_mesh
 from zoomout_core.transfer.keys.head_directions import HeadDirections

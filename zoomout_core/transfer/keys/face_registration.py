@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.sparse import csc_array, csr_array, diags_array
@@ -32,7 +33,6 @@ from zoomout_core.geometry.sparse_solve import factorise
 from zoomout_core.maps.surface_map import SurfaceMap, interpolation_matrix
 from zoomout_core.mesh.triangles import unit_vectors, vertex_areas, vertex_normals
 from zoomout_core.mesh.working_mesh import WorkingMesh
-from zoomout_core.runtime.once import cached_property
 from zoomout_core.spectral.laplacian import mesh_laplacian
 from zoomout_core.transfer.frames import on_working_mesh
 from zoomout_core.transfer.keys.eye_openings import find_eye_opening, match_rims

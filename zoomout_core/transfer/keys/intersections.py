@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import reduce
+from functools import cached_property, reduce
 
 import numpy as np
 import scipy
@@ -13,7 +13,6 @@ import scipy
 from zoomout_core.arrays import Booleans, Floats, Integers, row_norms, take_rows
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import at_any, triangle_normals, widen
-from zoomout_core.runtime.once import cached_property
 
 # Takes positions (n, 3), triangles (m, 3), chosen ones (c,), ascending, and others (o,). Finds each pair (p, 2) of
 # triangles that intersect once: two chosen ones, or a chosen one and one of the others. Neighbours may be included.

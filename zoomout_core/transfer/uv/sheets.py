@@ -8,12 +8,12 @@ within one island. A face that might cross a seam is sampled, and its samples vo
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from zoomout_core.arrays import Booleans, Floats, Integers, segment_sum
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.runtime.once import cached_property
 from zoomout_core.transfer.cut_mesh import CutSurface, corners_of_faces
 from zoomout_core.transfer.groups import group_starts
 from zoomout_core.transfer.mapped_target import MappedTarget

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -10,7 +11,6 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Floats, Integers
-from zoomout_core.runtime.once import cached_property
 from zoomout_core.transfer.groups import find, first_of_each
 from zoomout_core.transfer.pixels import INSIDE, pixels_near
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from copy import copy
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -12,7 +13,6 @@ from scipy.spatial import cKDTree
 from zoomout_core.arrays import Booleans, Floats, Integers, segment_sum
 from zoomout_core.geometry.oriented_closest_points import OrientedSurface
 from zoomout_core.mesh.triangles import unit_vectors, vertex_normals
-from zoomout_core.runtime.once import cached_property
 from zoomout_core.transfer.frames import on_working_mesh
 from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.tuning import Tuning, tuned

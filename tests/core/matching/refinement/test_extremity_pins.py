@@ -13,7 +13,6 @@ from creatures import creature, true_vertex
 from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis, analyse
-from zoomout_core.matching.refinement.branches import find_tips
 from zoomout_core.matching.refinement.extremity_pins import PINS, _pair, pin_extremities
 from zoomout_core.matching.registration.nonrigid_icp import fit_nonrigid
 from zoomout_core.samples import BODY, LIMBS
@@ -144,13 +143,3 @@ def test_fit_is_drawn_to_pins() -> None:
         for each in (pins, None)
     ]
     assert off[0].mean() < 0.5 * off[1].mean()
-
-
-def test_pins_and_branches_share_tips() -> None:
-    shape = analyse(creature(500, seed=0).surface.working.part(0)[0], 60, 500, 0, None)
-    tips = find_tips(shape)
-    assert find_tips(shape) is tips
-    few = tips.leading(float(tips.persistence[2]), 100)
-    assert len(few.vertices) == len(few.persistence) == len(few.distances) == 2
-    assert (tips.leading(0.0, 3).vertices == tips.vertices[:3]).all()
-    assert (tips.distances[np.arange(len(tips.vertices)), tips.vertices] == 0).all()

@@ -14,10 +14,9 @@ from creatures import Creature, creature
 from zoomout_core.arrays import Floats
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis, analyse
-from zoomout_core.matching.registration import both_ways, correspondences, deformation_graph
+from zoomout_core.matching.registration import both_ways
 from zoomout_core.matching.registration.both_ways import MAX_DIFFERENCE, average_both_ways
-from zoomout_core.matching.registration.correspondences import QueryPoints, Surroundings
-from zoomout_core.matching.registration.deformation_graph import Nodes
+from zoomout_core.matching.registration.correspondences import Surroundings
 from zoomout_core.matching.registration.nonrigid_icp import Fit, fit_nonrigid
 from zoomout_core.mesh.surface import Surface
 
@@ -151,15 +150,3 @@ def test_registrations_with_opposite_normals_are_averaged_alike() -> None:
     averaged = average_both_ways(replace(fit(), surface_map=turned), flipped, target, False)
     assert (mesh.vertex_normals * source.mesh.vertex_normals).sum(axis=1).max() < 0
     np.testing.assert_allclose(images(averaged), images(average_both_ways(fit(), source, target, False)), atol=2e-3)
-
-
-def test_prepared_registration_computes_nothing_of_the_shape_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    part = creatures()[0].surface.working.part(0)[0]
-    shape = analyse(part, 60, 500, 0, None)
-    both_ways.prepare_registration(shape)
-    monkeypatch.setattr(correspondences, "cKDTree", None)
-    monkeypatch.setattr(deformation_graph, "_smallest", None)
-    for level in both_ways.INVERSE_SCHEDULE:
-        for kind in (Nodes, QueryPoints):
-            assert kind.on(shape, level.nodes) is kind.on(shape, level.nodes)
-    assert Surroundings.of(shape) is Surroundings.of(shape)
