@@ -151,15 +151,23 @@ def _marks(source: Surface, shape: ShapeAnalysis) -> Floats:
 def _level(marks: Floats, edges: Integers, vertices: Floats) -> None:
     """Lower marks (n, d) until they differ along edges (e, 2) by no more than the length, as geodesic distances do.
 
-    Next to a loose part, the body may end and begin again, as a torso and an arm beside a coat.
+    Next to a loose part, the body may end and begin again, as a torso and an arm beside a coat. Changes begin at such
+    places and spread from vertex to vertex.
     """
+    lengths = edge_lengths(vertices, edges)
+    steps = [
+        np.abs(marks[some[:, 0]] - marks[some[:, 1]]).max(axis=1)
+        for some in np.split(edges, range(EDGES, len(edges), EDGES))
+    ]
+    changed = np.unique(edges[np.concatenate(steps) > lengths + LEVEL])
     both = np.concatenate([edges, edges[:, ::-1]])
-    both = both[np.argsort(both[:, 0], kind="stable")]
-    lengths = edge_lengths(vertices, both)[:, None]
-    first = np.flatnonzero(np.diff(both[:, 0], prepend=-1))
-    at = both[first, 0]
-    while True:
-        lower = np.minimum.reduceat(marks[both[:, 1]] + lengths, first)
-        if not (lower < marks[at] - LEVEL).any():
-            return
-        marks[at] = np.minimum(marks[at], lower)
+    graph = csr_array((np.tile(lengths, 2), both.T), shape=(len(marks), len(marks)))
+    while len(changed):
+        around = graph[changed].tocoo()
+        order = np.argsort(around.col, kind="stable")
+        reached, first = np.unique(around.col[order], return_index=True)
+        offers = marks[changed[around.row[order]]] + around.data[order, None]
+        lower = np.minimum.reduceat(offers, first)
+        is_lower = (lower < marks[reached] - LEVEL).any(axis=1)
+        changed = reached[is_lower]
+        marks[changed] = np.minimum(marks[changed], lower[is_lower])
