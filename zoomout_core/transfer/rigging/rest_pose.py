@@ -17,12 +17,12 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.sparse import csr_array, diags_array
+from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.geometry.closest_points import SurfaceSearch
-from zoomout_core.geometry.procrustes import SMALLEST, procrustes
+from zoomout_core.geometry.procrustes import procrustes
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.affine_maps import normalise
 from zoomout_core.mesh.surface import Surface
@@ -30,6 +30,7 @@ from zoomout_core.mesh.triangles import triangle_normals, unique_edges, vertex_n
 from zoomout_core.runtime.threads import on_one_blas_thread
 from zoomout_core.transfer.frames import FULL_CONFIDENCE
 from zoomout_core.transfer.mapped_target import MappedTarget
+from zoomout_core.transfer.rigging.bone_axes import keep_axes
 from zoomout_core.transfer.rigging.bone_fit import BONES, Pose, estimate_pose, refine_pose
 from zoomout_core.transfer.rigging.skinning import skinning_matrices
 from zoomout_core.transfer.rigging.unpose import Rest, inverse_skinning
@@ -61,11 +62,6 @@ class RestTuning(Tuning, set_by="binding"):
         in_place: a target in the rest pose stays in place if no vertex would move farther.
         aligned: maximum number of vertices that are aligned with the source as a whole.
         iterations: number of rounds of this alignment.
-        same_axes: maximum angle of the axis of a bone from its direction in the rest pose. People 1.2 times as wide and
-            0.85 times as high stay below it.
-        same_bends: maximum difference of these angles between bones that meet. Else half of a bend in the middle of a
-            body would count on both sides.
-        other_axes: maximum area of bones beyond these angles in the rest pose. Lower arms of game characters have more.
     """
 
     same_body: float = tuned(0.01, "at unit area", 0, 1)
@@ -80,9 +76,6 @@ class RestTuning(Tuning, set_by="binding"):
     in_place: float = tuned(0.02, "at unit area", 0, 1)
     aligned: int = tuned(1500, "vertices", 3, 1_000_000)
     iterations: int = tuned(10, "rounds", 1, 100)
-    same_axes: float = tuned(12.0, "degrees", 0, 180)
-    same_bends: float = tuned(16.0, "degrees", 0, 90)
-    other_axes: float = tuned(0.005, "of the area", 0, 1)
 
 
 REST = RestTuning()
@@ -137,7 +130,7 @@ def find_pose(mapped: MappedTarget, rest: Surface, weights: csr_array, parents: 
     projection = _project_at_rest(mapped, mapped, unbent, weights, search, np.inf)
     if projection.is_near(REST.same_body) and counted @ projection.off <= counted @ bent.off:
         return PosedTarget(_follow(projection, mapped, confidence), unbent)
-    if _keeps_axes(pose.common.rotation, *fitted[:4]):
+    if keep_axes(pose.common.rotation, *fitted[:4]):
         is_same_body = found.surface_map is not mapped.surface_map
         coupled = estimate_pose(*fitted, BONES.of_others) if is_same_body else pose
         if coupled.is_rest or not is_same_body:  # the same body is also posed if all its bones rotate a little
@@ -182,10 +175,12 @@ class _Projection:
     def average(self, target: Surface) -> _Projection:
         """The same with the mean vectors of the nearest vertices, in which the noise of a scan cancels out."""
         radius, count = REST.averaged * np.sqrt(target.area), min(AVERAGED_NEIGHBOURS, len(self.apart))
-        distance, near = cKDTree(target.vertices).query(target.vertices, count, distance_upper_bound=radius)
-        is_near = np.isfinite(distance).reshape(-1, count, 1)
-        sums = np.where(is_near, self.apart[np.where(is_near[..., 0], near.reshape(-1, count), 0)], 0).sum(axis=1)
-        return replace(self, apart=sums / is_near.sum(axis=1))
+        ranks = np.arange(1, count + 1)
+        distance, near = cKDTree(target.vertices).query(target.vertices, ranks, distance_upper_bound=radius)
+        found = np.isfinite(distance)
+        row, column = np.nonzero(found)[0], np.asarray(near)[found]
+        averages = normalise(csr_array((np.ones(len(row)), (row, column)), shape=(len(found), len(found))))
+        return replace(self, apart=averages @ self.apart)
 
 
 def _project_at_rest(
@@ -211,29 +206,6 @@ def _project_at_rest(
         rest.triangles,
     )
     return _Projection(surface_map, apart, trusted, float(unit))
-
-
-def _keeps_axes(rotation: Floats, points: Floats, images: Floats, weights: csr_array, trust: Floats) -> bool:
-    """Whether the axes of bones keep their directions after a rotation (3, 3) of all, see `estimate_pose`.
-
-    The axis of a bone is from its joint with another one, the mean of the vertices that both move, to the mean of its
-    own. Both are means of whole cross-sections, whose width does not matter. Bones that share no vertex have none.
-    """
-    shares = normalise(weights)
-    values = np.column_stack([np.ones(len(points)), points @ rotation.T, images]) * trust[:, None]
-    sums = np.stack([(shares.T @ diags_array(each) @ shares).toarray() for each in values.T], axis=2)
-    shared, bone = sums[:, :, 0], np.arange(len(sums))
-    means = sums[:, :, 1:] / np.maximum(shared, SMALLEST)[:, :, None]
-    arms = means[bone, bone][:, None] - means  # (b, b, 6) from joints to each bone, before and after
-    lengths = np.linalg.norm(arms.reshape(*shared.shape, 2, 3), axis=3)
-    joint = np.argmax(shared * lengths[:, :, 0], axis=1)
-    before, after = np.split(arms[bone, joint], 2, axis=1)
-    product = lengths.prod(axis=2)[bone, joint]
-    close = np.einsum("bx,bx->b", before, after) >= np.cos(np.radians(REST.same_axes)) * product
-    swings = np.cross(before, after) / np.maximum(product, SMALLEST)[:, None]
-    close &= np.linalg.norm(swings - swings[joint], axis=1) <= np.sin(np.radians(REST.same_bends))
-    mass = shares.T @ trust
-    return bool(mass @ (close & (shared[bone, joint] * product > 0)) >= (1 - REST.other_axes) * mass.sum())
 
 
 def _height_of_arcs(surface: Surface) -> float:
