@@ -73,7 +73,7 @@ def _front(points: Floats, triangles: Integers, columns: int, rows: int) -> tupl
 
     owner, row = expand_ranges(bottom[seen], top[seen])
     at_left = origin[:, owner] + along_y[:, owner] * (row + 0.5)
-    first, end = _centres(*_positive(at_left, along_x[:, owner]), columns)
+    first, end = _centres(*_positive_interval(at_left, along_x[:, owner]), columns)
     depth_at_left, depth_along_x = (at_left * z[:, owner]).sum(axis=0), (along_x * z).sum(axis=0)[owner]
     lowest, highest = z.min(axis=0)[owner], z.max(axis=0)[owner]
     nearest, depth = np.full(rows * columns, -1), np.full(rows * columns, -np.inf)
@@ -92,7 +92,7 @@ def _front(points: Floats, triangles: Integers, columns: int, rows: int) -> tupl
     return covered, seen[front], place.clip(0, 1)
 
 
-def _positive(values: Floats, slopes: Floats) -> tuple[Floats, Floats]:
+def _positive_interval(values: Floats, slopes: Floats) -> tuple[Floats, Floats]:
     """(r,) and (r,) the ends of the intervals where three linear functions, of these (3, r) values at 0, are positive.
 
     An interval without such places ends before it begins.
