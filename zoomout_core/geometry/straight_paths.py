@@ -41,7 +41,8 @@ def follow_paths(
         here, weights = triangle[moving], barycentric[moving]
         rates = _rates(vertices[triangles[here]], left[moving])
         # The shares of the steps at which they reach the lines through the triangles' sides.
-        shares = np.divide(weights, -rates, out=np.full_like(rates, np.inf), where=(rates < 0) & ~entry)
+        with np.errstate(over="ignore"):  # a side that is reached after a share beyond the largest float is not reached
+            shares = np.divide(weights, -rates, out=np.full_like(rates, np.inf), where=(rates < 0) & ~entry)
         share = shares.min(axis=1)
         # From a vertex, the path first turns about it until it leads into a triangle: the shorter way round.
         first = (shares == share[:, None]) * np.where(across[here] >= 0, 2, 1)

@@ -38,6 +38,10 @@ def test_paths_in_a_plane_are_straight_and_ignore_normal_steps() -> None:
     np.testing.assert_allclose(ends(FLAT, TRIANGLES, steps), flat(STARTS + STEPS), atol=1e-12)
 
 
+def test_steps_of_subnormal_length_stay_without_a_warning() -> None:
+    np.testing.assert_allclose(ends(FLAT, TRIANGLES, flat(np.full_like(STEPS, 1e-312))), flat(STARTS), atol=1e-12)
+
+
 @pytest.mark.parametrize("angle", [0.5, 2.0, 3.1])
 @pytest.mark.parametrize("mixed", [False, True])
 def test_paths_unfold_over_creases_with_any_winding(angle: float, mixed: bool) -> None:
