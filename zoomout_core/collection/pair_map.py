@@ -16,7 +16,7 @@ from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.collection.shapes import ShapeSummary
 from zoomout_core.maps.zoomout import nearest_samples
 from zoomout_core.matching.pair import Pair
-from zoomout_core.matching.ranking.rank import Candidate
+from zoomout_core.matching.ranking.candidate import Candidate
 from zoomout_core.matching.report.verdict import Faults
 from zoomout_core.matching.result import MatchResult
 from zoomout_core.messages import from_json, to_json

@@ -11,7 +11,8 @@ from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Floats
 from zoomout_core.matching.pair import Pair
-from zoomout_core.matching.ranking.rank import Candidate, are_rivals
+from zoomout_core.matching.ranking.candidate import Candidate
+from zoomout_core.matching.ranking.certainty import are_rivals
 from zoomout_core.tuning import Tuning, tuned
 
 

@@ -24,8 +24,9 @@ from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 from zoomout_core.matching.preparation.memory_cache import cached_working_mesh
 from zoomout_core.matching.preparation.memory_need import check_memory
 from zoomout_core.matching.preparation.prepare import AHEAD, prepare_shape
+from zoomout_core.matching.ranking.candidate import Candidate
 from zoomout_core.matching.ranking.finished_maps import rank_finished
-from zoomout_core.matching.ranking.rank import Candidate, rank, upsample_hypothesis
+from zoomout_core.matching.ranking.rank import rank, upsample_hypothesis
 from zoomout_core.matching.ranking.rotational_symmetry import self_maps, with_turned
 from zoomout_core.matching.report.notes import notes_on_input, notes_on_landmarks
 from zoomout_core.matching.result import MatchResult, make_result, outline

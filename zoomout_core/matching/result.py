@@ -22,7 +22,8 @@ from zoomout_core.matching.partial.part_registration import RegisteredPart
 from zoomout_core.matching.partial.region import Region
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 from zoomout_core.matching.preparation.proxy import Proxy
-from zoomout_core.matching.ranking.rank import Candidate, is_closed
+from zoomout_core.matching.ranking.candidate import Candidate
+from zoomout_core.matching.ranking.certainty import is_closed
 from zoomout_core.matching.refinement.dense_map import dense_map
 from zoomout_core.matching.refinement.repair import repair
 from zoomout_core.matching.report.notes import notes_on_map, notes_on_rest

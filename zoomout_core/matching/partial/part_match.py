@@ -20,7 +20,8 @@ from zoomout_core.matching.partial.part_candidates import PartCandidate, images_
 from zoomout_core.matching.partial.part_registration import PART_REGISTRATION, RegisteredPart, register_part
 from zoomout_core.matching.partial.region import REGION, Region, find_regions, is_small
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
-from zoomout_core.matching.ranking.rank import CERTAINTY, Candidate
+from zoomout_core.matching.ranking.candidate import Candidate
+from zoomout_core.matching.ranking.certainty import CERTAINTY
 from zoomout_core.matching.ranking.scores import EVIDENCE_WEIGHTS, UPRIGHT, Disagreement, correlation, no_disagreement
 from zoomout_core.matching.refinement.confidence import Partners
 from zoomout_core.matching.registration.correspondences import Surroundings

@@ -18,7 +18,9 @@ from zoomout_core.arrays import Floats, Integers
 from zoomout_core.geometry.closest_points import SurfaceSearch
 from zoomout_core.maps.zoomout import nearest_samples
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
-from zoomout_core.matching.ranking.rank import CERTAINTY, RANKING, Candidate, with_others
+from zoomout_core.matching.ranking.candidate import Candidate
+from zoomout_core.matching.ranking.certainty import CERTAINTY
+from zoomout_core.matching.ranking.rank import RANKING, with_others
 from zoomout_core.matching.ranking.scores import EVIDENCE_WEIGHTS, Disagreement, total_score
 from zoomout_core.runtime.once import once_per_argument
 

@@ -13,8 +13,8 @@ from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.partial.part_match import PartFit, fit_part
 from zoomout_core.matching.partial.region import is_small
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
+from zoomout_core.matching.ranking.candidate import Candidate
 from zoomout_core.matching.ranking.finished_maps import refine_candidate
-from zoomout_core.matching.ranking.rank import Candidate
 from zoomout_core.matching.refinement.confidence import Partners, confidence_of, partners_by_cycle
 from zoomout_core.matching.refinement.extremity_pins import pin_extremities
 from zoomout_core.matching.refinement.refine import REFINEMENT, functional_map_by, refine

@@ -9,7 +9,7 @@ import numpy as np
 
 from zoomout_core.arrays import Floats
 from zoomout_core.matching.pair import Pair
-from zoomout_core.matching.ranking.rank import Candidate
+from zoomout_core.matching.ranking.candidate import Candidate
 from zoomout_core.matching.ranking.rotational_symmetry import certainty_but_for_turns, likely_turns
 from zoomout_core.matching.refinement.confidence import Partners
 from zoomout_core.matching.report.verdict import VERDICT, Verdict

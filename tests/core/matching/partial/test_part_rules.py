@@ -47,7 +47,7 @@ from zoomout_core.matching.partial.part_match import (
 )
 from zoomout_core.matching.partial.part_registration import PART_REGISTRATION, RegisteredPart, register_part
 from zoomout_core.matching.partial.region import Region
-from zoomout_core.matching.ranking.rank import Candidate
+from zoomout_core.matching.ranking.candidate import Candidate
 from zoomout_core.matching.ranking.scores import EVIDENCE_WEIGHTS, UPRIGHT
 from zoomout_core.matching.refinement.dense_map import dense_map
 from zoomout_core.runtime.progress import advance

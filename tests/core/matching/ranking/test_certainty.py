@@ -19,7 +19,9 @@ from zoomout_core.arrays import Floats, Integers
 from zoomout_core.maps.functional_map import functional_map_of
 from zoomout_core.matching.hypotheses.hypothesis import Hypothesis
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis, analyse
-from zoomout_core.matching.ranking.rank import Candidate, _align, _leading, rank, sort_by_certainty, with_others
+from zoomout_core.matching.ranking.candidate import Candidate
+from zoomout_core.matching.ranking.certainty import sort_by_certainty
+from zoomout_core.matching.ranking.rank import _align, _leading, rank, with_others
 from zoomout_core.matching.ranking.scores import ENERGY, IN_SPACE, TORN, evidence_score
 
 COUNT = 40
