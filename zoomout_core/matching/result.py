@@ -23,7 +23,7 @@ from zoomout_core.matching.partial.region import Region
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 from zoomout_core.matching.preparation.proxy import Proxy
 from zoomout_core.matching.ranking.candidate import Candidate
-from zoomout_core.matching.ranking.certainty import is_closed
+from zoomout_core.matching.ranking.certainty import certainty_of_torn, is_closed
 from zoomout_core.matching.refinement.dense_map import dense_map
 from zoomout_core.matching.refinement.repair import repair
 from zoomout_core.matching.report.notes import notes_on_map, notes_on_rest
@@ -323,13 +323,10 @@ def make_result(pair: Pair, candidates: tuple[Candidate, ...], chosen: int) -> M
 def _doubt_torn(
     pair: Pair, candidates: tuple[Candidate, ...], chosen: int, torn: float, torn_off: float
 ) -> tuple[Candidate, ...]:
-    """Candidates, of which the chosen one is not certain if its result is torn too much.
-
-    It may tear only a small part of closed shapes, and tears may cut only a small part off from the rest.
-    """
-    certainty = min(candidates[chosen].certainty, VERDICT.torn_certainty)
+    """Candidates, of which the chosen one is not certain if its result is torn too much; see `certainty_of_torn`."""
     closed = is_closed(pair.source_shape) and is_closed(pair.target_shape)
-    if torn_off <= VERDICT.torn_off and (torn <= VERDICT.torn or not closed):
+    certainty = certainty_of_torn(candidates[chosen].certainty, torn, torn_off, closed)
+    if certainty == candidates[chosen].certainty:
         return candidates
     return (*candidates[:chosen], replace(candidates[chosen], certainty=certainty), *candidates[chosen + 1 :])
 

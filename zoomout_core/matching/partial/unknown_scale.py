@@ -20,10 +20,11 @@ from zoomout_core.matching.partial.part_candidates import (
     register_places,
     rough_candidates,
 )
-from zoomout_core.matching.partial.part_match import certainty_of_fit, match_part
+from zoomout_core.matching.partial.part_match import match_part
 from zoomout_core.matching.partial.region import Region
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 from zoomout_core.matching.ranking.candidate import Candidate
+from zoomout_core.matching.ranking.certainty import certainty_of_fit
 from zoomout_core.matching.ranking.scores import Disagreement
 from zoomout_core.runtime.progress import portion
 from zoomout_core.runtime.threads import for_each

@@ -94,12 +94,6 @@ def likely_turns(candidates: Sequence[Candidate], chosen: int) -> int:
     return 1 if first.turns == 1 else sum(one.turns > 1 and 2 * one.certainty >= first.certainty for one in candidates)
 
 
-def certainty_but_for_turns(candidates: Sequence[Candidate]) -> float:
-    """Probability that the first candidate is right up to a rotational symmetry."""
-    first = candidates[0]
-    return first.certainty if first.turns == 1 else sum(one.certainty for one in candidates if one.turns > 1)
-
-
 def _with_evidence(turned: Candidate, best: Candidate, disagreement: Disagreement) -> Candidate:
     """A composed map with the scores of the best one, except those of evidence.
 

@@ -30,6 +30,7 @@ from zoomout_core.matching.partial.unknown_scale import (
     stretch,
     times_as_large,
 )
+from zoomout_core.matching.ranking.certainty import PART_CERTAINTY
 from zoomout_core.matching.ranking.scores import no_disagreement
 from zoomout_core.matching.report.notes import OTHER_UNITS, RESCALED
 from zoomout_core.tuning import retune
@@ -53,7 +54,8 @@ def test_a_part_in_another_unit_is_matched_to_its_whole(lower: PartAndWhole) -> 
     part, whole = lower.made_part.surface, lower.made_whole.surface
     with (
         retune(ATTEMPTS, same_share=1.0),
-        retune(PART_MATCH, uncertain=1.0, misfit=2.0, another_map=2.0),
+        retune(PART_MATCH, uncertain=1.0),
+        retune(PART_CERTAINTY, misfit=2.0, another_map=2.0),
         retune(PART_CANDIDATES, **FEWER_SEARCHES),
         retune(UNKNOWN_SCALE, scales=(0.4, 0.7, 1.0)),
     ):
