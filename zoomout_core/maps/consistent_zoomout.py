@@ -19,7 +19,7 @@ from scipy.sparse.linalg import eigsh
 from zoomout_core.arrays import Floats, Integers, check_counts
 from zoomout_core.maps.functional_map import functional_map_of
 from zoomout_core.maps.nearest import nearest
-from zoomout_core.maps.zoomout import SampledBasis
+from zoomout_core.maps.sampled_basis import SampledBasis
 from zoomout_core.mesh.triangles import components
 from zoomout_core.spectral.eigenbasis import SpectralBasis
 from zoomout_core.spectral.sampling import farthest_points

@@ -11,8 +11,8 @@ import numpy as np
 
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.maps.anchors import Anchors
+from zoomout_core.maps.sampled_basis import SampledBasis
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.maps.zoomout import SampledBasis
 from zoomout_core.matching.components.lift import lift
 from zoomout_core.matching.constraints import meet_exact_landmarks
 from zoomout_core.matching.pair import Pair

@@ -18,7 +18,7 @@ from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.geometry.procrustes import Moments, nearest_rotations, products
 from zoomout_core.maps.anchors import Anchors, coordinates
 from zoomout_core.maps.nearest import nearest
-from zoomout_core.maps.zoomout import SampledBasis
+from zoomout_core.maps.sampled_basis import SampledBasis
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 from zoomout_core.tuning import Tuning, tuned
 
