@@ -21,7 +21,7 @@ from ..attributes.vertex_groups import read_mask
 from ..keys.shape_keys import read_rest_positions
 from ..matrices import transform_points, world_matrix
 from ..rigs.armatures import armatures_of, bind_like, hang_like, matrix_at_rest, reshape, set_parent, stands_as_modelled
-from ..surfaces.base import read_base_positions, read_target_surface
+from ..surfaces.base_mesh import read_base_positions, read_target_surface
 from ..surfaces.inspection import content_hash
 from ..surfaces.surfaces import VERTEX_PRESERVING, check_evaluated
 from .strands import read_strands, write_strands
