@@ -137,7 +137,7 @@ def summary(target: str, shares: dict[str, float]) -> str:
 
 
 def link_of(target: Object) -> dict[str, Any] | None:
-    """How a target was linked; None without a link, or if its modifier was removed."""
+    """How a target was linked; None if it is not linked, or its modifier was removed."""
     return stored_link.description(target.data) if mesh_data.link_modifier(target) is not None else None
 
 

@@ -35,7 +35,7 @@ class LevelChoice:
 
     Attributes:
         ratios: for each level after the object itself the share of its vertices, between 0 and 1.
-        max_weights: how many bones may move a vertex of these levels; 0 for as many as in the object.
+        max_weights: maximum number of bones that move a vertex of these levels; 0 for that of the object.
         meshes: names of objects whose meshes are to be the levels, instead of simplified ones, in any order; they are
             in the place and rest pose of the object.
         keep_uv: whether these meshes keep their own UV maps.

@@ -66,7 +66,7 @@ class StoredMatch:
         settings: arguments of `match_objects` for it, as far as known.
         others: names of further sources that the target maps to.
         has_partner: (n_t,) whether each vertex has a partner on the source; None if that is not known.
-        source_has_partner: (n_s,) likewise for the source's vertices.
+        source_has_partner: (n_s,) the same for the source's vertices.
         without_partner: the fractions of the target's and of the source's area without a partner, in [0, 1].
         verdict: whether to use the match; None if that is not known.
         torn: (n_t,) vertices at which the match is torn; None if that is not known.

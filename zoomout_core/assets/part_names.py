@@ -18,7 +18,7 @@ from zoomout_core.mesh.named_parts import NamedParts, name_parts
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.transfer.rigging.poses import parents_first
 
-# The most names that a sentence lists.
+# Maximum number of names in a sentence.
 LISTED = 12
 
 

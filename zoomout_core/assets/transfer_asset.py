@@ -85,7 +85,7 @@ def transfer_asset(
         kinds: the kinds to transfer, from `KINDS`.
         shape: how to take the target to the rest pose, from `SHAPES`.
         fill_below: confidence below which values are filled in from around, see `transfer.transfer`.
-        max_weights: how many joints a vertex may have; as many as on the source, when not given.
+        max_weights: maximum number of joints of a vertex; that of the source by default.
         move_rig: move the joints into the target, which keeps its size, and compare how both play the animations.
             Otherwise the joints stay where they are, and the target takes the size of the source. With a mask, add the
             joints that move the part to those of the target, and give the part their weights.

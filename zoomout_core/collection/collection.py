@@ -127,7 +127,7 @@ def match_collection(
     Args:
         shapes: a mapping of names to shapes; or a list. Files in a list are named without their extension, surfaces and
             other shapes (`ShapeLike`) by their number.
-        folder: folder of the results, created if missing. None for a temporary one, which lives as long as the result.
+        folder: folder of the results, created if missing. None for a temporary one, which is removed with the result.
         template: the name or path of the shape that is the source of all others. If a map from it is uncertain, its
             target is also matched with a few other shapes.
         pairs: sources and targets by their names, or "all".

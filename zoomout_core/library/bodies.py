@@ -98,7 +98,7 @@ def _body(part: WorkingMesh) -> Body:
 
 
 def may_be_part(bodies: Mapping[str, Body]) -> bool:
-    """Whether the borders of a character are so long that it may be a part, such as a bust."""
+    """Whether a character has borders long enough for a part, such as a bust."""
     body = bodies.get(MAIN_PART)
     if body is None:
         return False

@@ -18,7 +18,7 @@ from zoomout_core.mesh.surface import Surface
 
 # Pixels of a picture of one shape, and degrees by which it is seen from the side.
 WIDTH, HEIGHT, YAW = 260, 320, 25.0
-# The most vertices of a surface to draw.
+# Maximum number of vertices of a drawn surface.
 MAX_VERTICES = 20_000
 
 

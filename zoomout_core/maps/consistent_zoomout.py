@@ -153,5 +153,5 @@ def latent_basis(functional_maps: Mapping[PairOfShapes, Floats], eigenvalues: Se
     latent = vectors.reshape(count, k, k)
     frequencies = sum(each.T @ (values[:, None] * each) for each, values in zip(latent, eigenvalues, strict=True))
     _, turned = eigh(frequencies)
-    # Scale so that the maps through the latent space are as large as the given ones.
+    # Give the maps through the latent space the norm of the given ones.
     return [np.asarray(np.sqrt(count) * each @ turned) for each in latent]

@@ -185,7 +185,7 @@ def read_vertex_map(path: str | PathLike[str]) -> Integers:
 
 
 def arrays_of_map(path: str | PathLike[str], names: Sequence[str]) -> dict[str, np.ndarray[Any, Any]]:
-    """Read some arrays of the file of a map, as far as it has them; a MeshError if it cannot be read."""
+    """Read those of some arrays that the file of a map has; raises MeshError if it cannot be read."""
     try:
         return read_arrays(path, names)
     except FileNotFoundError:

@@ -28,7 +28,7 @@ def resolve_detail(detail: str = "balanced", k_final: int = 0, **options: Any) -
 
     Args:
         detail: one of `DETAIL`.
-        k_final: size of the final functional map; 0 for as large as `detail` says.
+        k_final: size of the final functional map; 0 for the size that belongs to `detail`.
         options: other arguments of `match`, which override those of `detail`.
     """
     size = {"k_final": max(k_final, SMALLEST_FINAL)} if k_final else {}

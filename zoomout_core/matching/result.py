@@ -323,7 +323,7 @@ def make_result(pair: Pair, candidates: tuple[Candidate, ...], chosen: int) -> M
 def _doubt_torn(
     pair: Pair, candidates: tuple[Candidate, ...], chosen: int, torn: float, torn_off: float
 ) -> tuple[Candidate, ...]:
-    """Candidates, of which the chosen one is not certain if its result is torn too much; see `certainty_of_torn`."""
+    """The candidates, with a lower certainty of the chosen one if its map is torn; see `certainty_of_torn`."""
     closed = is_closed(pair.source_shape) and is_closed(pair.target_shape)
     certainty = certainty_of_torn(candidates[chosen].certainty, torn, torn_off, closed)
     if certainty == candidates[chosen].certainty:

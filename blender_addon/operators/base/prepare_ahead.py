@@ -84,7 +84,7 @@ def advance(context: Context) -> bool:
     try:
         if job is None or job.advance(0):
             return False
-    except zo.MeshError:  # the match will say so
+    except zo.MeshError:  # the match will report it
         return False
     _job = job
     return True

@@ -75,7 +75,7 @@ class MovedRig:
         armature: its name.
         bones: its bones in their new places, in world space.
         motion: (4, 4) the similarity from the place of the source to that of the target.
-        metarig: the metarig that it was generated from, likewise moved; None without.
+        metarig: the metarig that it was generated from, moved in the same way; None if it has none.
     """
 
     armature: str
@@ -106,7 +106,7 @@ async def prepare_binding(
         context: Blender's.
         job: the transfer.
         weights: the source's vertex groups, which are transferred.
-        keys: the source's shape keys, which are transferred to the target at rest; None for none.
+        keys: the source's shape keys, which are transferred to the target at rest; None to transfer none.
         binding: how to bind the target.
 
     Raises:

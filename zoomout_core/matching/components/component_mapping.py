@@ -190,7 +190,7 @@ def _lies_on(part: Part, whole: Part) -> bool:
 def _onto_pieces(
     part: Part,  # of the target
     normals: Floats,  # (n, 3) of its vertices, on the source
-    pieces: list[int],  # what it lies on
+    pieces: list[int],  # of the source, that it touches
     partner: int | None,  # its partner among them, if it has one
     misfit: Floats,  # (q,) with each of the source's parts
     theirs: Sequence[Part],  # the source's parts

@@ -47,7 +47,7 @@ SAME_REGION_DISCOUNT = 0.5
 class Part:
     """A component of a mesh."""
 
-    mesh: WorkingMesh  # of which it is a component
+    mesh: WorkingMesh  # that it is a component of
     vertices: Integers  # (n,) its vertices in the mesh
     triangles: Integers  # (m,) its triangles in the mesh
     points: Floats  # (n, 3) the vertices in the frame in which parts are compared, the source's

@@ -44,7 +44,7 @@ def curvature_agreement(registered: RegisteredPart, part: ShapeAnalysis, whole: 
 
 
 def curvature_score(scores: Mapping[str, float]) -> float:
-    """The contribution of the agreement of curvature to the fit, the less the better; 0 if it is unknown."""
+    """The contribution of curvature to the total score of a part: lower is better, and 0 if it is unknown."""
     if CURVATURE not in scores:
         return 0.0
     disagreement = max(1 - scores[CURVATURE], 0.0) + CURVATURE_FLOOR

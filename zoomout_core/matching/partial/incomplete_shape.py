@@ -93,7 +93,7 @@ class IncompleteShape:
 
     @cached_property
     def is_fragment(self) -> bool:
-        """Whether its cuts are so long that a large piece may be missing, not only a hand or the eyes."""
+        """Whether its cuts are long enough for a missing torso or leg, not only for a hand or the eyes."""
         return self._cuts[1] > INCOMPLETE.fragment * np.sqrt(self.shape.basis.areas.sum())
 
     @cached_property

@@ -255,7 +255,7 @@ def register_places(places: Integers, region: Region) -> PartCandidate:
 
 
 def _fit(registered: RegisteredPart, part: IncompleteShape) -> dict[str, float]:
-    """The scores of a registered part, its fit, of which the lowest is the most likely, and its area on the whole.
+    """The scores of a registered part, its fit (the lowest is the most likely), and its area on the whole.
 
     As evidence on what is up, one minus the mean cosine between an axis along which shapes stand and its image.
     """

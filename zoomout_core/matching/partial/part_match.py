@@ -182,7 +182,7 @@ def _reverse(sample_map: Integers, source: ShapeAnalysis) -> Integers:
 
 @dataclass(frozen=True, eq=False)
 class PartFit:
-    """The map of a pair of which one shape is a part, on the shapes' meshes."""
+    """The map between a part and a whole, on the meshes of both."""
 
     fit: Fit  # from the target's mesh to the source's
     back: SurfaceMap  # from the source's mesh to the target's
@@ -229,7 +229,7 @@ def _on_part(
 
 
 def _candidate(one: PartCandidate, pair: Pair, disagreement: Disagreement, upright: bool) -> Candidate:
-    """The map of a part as one of the pair; how certain it is, its rivals will tell."""
+    """The map of a part as a candidate of the pair; its certainty is computed once all rivals are known."""
     source, target = pair.source_shape, pair.target_shape
     part, whole = part_of(pair)
     bent = one.region.carry(one.registered).positions[part.search.samples]

@@ -39,7 +39,7 @@ class RegionTuning(Tuning, set_by="small_parts"):
     vertices: int = tuned(3000, "vertices", 100, 100_000)  # approximate maximum size of a region's proxy
     functions: int = tuned(10, "eigenfunctions", 2, 1000)  # of a region, which are only needed for its area
     # Weight of the certainty of the map of whole shapes, relative to that of a small part. Hands match whole bodies
-    # with a certainty of up to 77 %; bodies as small as hands match parts of others with at most 8 %.
+    # with a certainty of up to 77 %; bodies of the size of hands match parts of others with at most 8 %.
     as_wholes: float = tuned(0.5, "1", 0, 1)
 
 

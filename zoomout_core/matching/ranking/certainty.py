@@ -235,7 +235,7 @@ def certainty_of_fit(scores: Mapping[str, float]) -> float:
 
 
 def _certainty_of_small(scores: Mapping[str, float]) -> float:
-    """The same for a part as small as a hand."""
+    """The same for a small part, such as a hand."""
     return float(expit(-SMALL_PART_CERTAINTY.misfit - SMALL_PART_CERTAINTY.misfit_rate * scores["fit"]))
 
 

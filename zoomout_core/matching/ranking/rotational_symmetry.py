@@ -89,7 +89,7 @@ def with_turned(
 
 
 def likely_turns(candidates: Sequence[Candidate], chosen: int) -> int:
-    """Number of maps, a candidate included, that differ by a symmetry and are at least half as likely as it."""
+    """Number of maps that differ from a candidate by a symmetry, itself included, with half its probability or more."""
     first = candidates[chosen]
     return 1 if first.turns == 1 else sum(one.turns > 1 and 2 * one.certainty >= first.certainty for one in candidates)
 

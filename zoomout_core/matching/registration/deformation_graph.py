@@ -100,7 +100,7 @@ class DeformationGraph:
 
     nodes: Nodes
     rest: Floats  # (n, 3) the target's vertices, mirrored if the map mirrors
-    normals: Floats  # (n, 3) its normals, likewise
+    normals: Floats  # (n, 3) its normals, as well
     rotations: Floats  # (d, 3, 3) of the nodes
     images: Floats  # (d, 3) positions of the nodes
     stride: Floats  # (d, 6) the last step towards closest points: rotation vectors and translations
