@@ -168,16 +168,16 @@ def read(mesh: Mesh, pair: ObjectPair) -> StoredMatch | None:
     # They are stored in single precision: rescale them to a sum of one.
     barycentric = barycentric.astype(np.float64) / barycentric.sum(axis=1, dtype=np.float64, keepdims=True)
     return StoredMatch(
-        zo.SurfaceMap(triangle.astype(np.int64), barycentric, pair.source.triangles),
-        confidence.astype(np.float64),
-        tuple(stored["notes"]),
-        stored.get("settings") or {},
-        pair.source_names[1:],
-        read_layer(mesh, HAS_PARTNER).attribute.values if HAS_PARTNER in mesh.attributes else None,
-        unpack_mask(stored.get("source_has_partner"), len(pair.source.vertices)),
-        stored.get("without_partner"),
-        verdict_of(stored),
-        unpack_mask(stored.get("torn"), len(confidence)),
+        surface_map=zo.SurfaceMap(triangle.astype(np.int64), barycentric, pair.source.triangles),
+        confidence=confidence.astype(np.float64),
+        notes=tuple(stored["notes"]),
+        settings=stored.get("settings") or {},
+        others=pair.source_names[1:],
+        has_partner=read_layer(mesh, HAS_PARTNER).attribute.values if HAS_PARTNER in mesh.attributes else None,
+        source_has_partner=unpack_mask(stored.get("source_has_partner"), len(pair.source.vertices)),
+        without_partner=stored.get("without_partner"),
+        verdict=verdict_of(stored),
+        torn=unpack_mask(stored.get("torn"), len(confidence)),
     )
 
 

@@ -168,7 +168,17 @@ def _attempt(
     with stage("Analyzing the shapes", 0.0, ANALYSING):
         shapes = _analyse(body, options, AHEAD if automatic else ())
     exact = options.landmarks if options.exact_landmarks else None
-    pair = Pair(source, target, *shapes, options.k_final, options.step, exact, known.regions, notes, body.shares)
+    pair = Pair(
+        source,
+        target,
+        *shapes,
+        k_final=options.k_final,
+        step=options.step,
+        exact_landmarks=exact,
+        regions=known.regions,
+        notes=notes,
+        shares=body.shares,
+    )
     with portion(ANALYSING, 1.0):
         return Attempt(pair, _find_candidates(pair, known, options), body.coverage)
 
@@ -177,8 +187,8 @@ def _analyse(
     body: Bodies, options: MatchOptions, ahead: tuple[Callable[[ShapeAnalysis], object], ...]
 ) -> tuple[ShapeAnalysis, ShapeAnalysis]:
     """The analyses of two bodies, and further computations on each that are done ahead."""
-    size = options.k_final, options.samples, options.seed, options.proxy_vertices, ahead
-    return side_by_side(lambda: prepare_shape(body.source, *size), lambda: prepare_shape(body.target, *size))
+    settings = options.k_final, options.samples, options.seed, options.proxy_vertices, ahead
+    return side_by_side(lambda: prepare_shape(body.source, *settings), lambda: prepare_shape(body.target, *settings))
 
 
 def _find_candidates(pair: Pair, known: Constraints, options: MatchOptions) -> list[Candidate]:

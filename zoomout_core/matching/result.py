@@ -166,14 +166,15 @@ class MatchResult(Summary):
     @property
     def faults(self) -> Faults:
         """The faults of the map that its verdict depends on, besides its certainty."""
+        is_doubtful = self.confidence < LOW_CONFIDENCE
         return Faults(
-            self.target.share_of_area(self.torn),
-            float(self.pair.shares[self.missed].sum()),
-            self.target.share_of_area(self.confidence < LOW_CONFIDENCE),
-            self.share_without_partner,
-            self.candidates[self.chosen].reverses_orientation,
-            1 - self.placed,
-            float((self.confidence < LOW_CONFIDENCE).mean()),
+            torn=self.target.share_of_area(self.torn),
+            silent=float(self.pair.shares[self.missed].sum()),
+            doubtful=self.target.share_of_area(is_doubtful),
+            alone=self.share_without_partner,
+            mirrored=self.candidates[self.chosen].reverses_orientation,
+            unplaced=1 - self.placed,
+            doubtful_vertices=float(is_doubtful.mean()),
         )
 
     @property

@@ -245,5 +245,16 @@ def _candidate(one: PartCandidate, pair: Pair, disagreement: Disagreement, uprig
     if upright:
         against |= {UPRIGHT: one.scores[UPRIGHT]}
     total = one.scores["fit"] + sum(EVIDENCE_WEIGHTS[name] * value for name, value in against.items())
-    maps, scores = (functional_map, reverse, sample_map), one.scores | against | {"total": total}
-    return Candidate("one shape as a part of the other", False, False, *maps, None, None, 0.0, scores, one)
+    return Candidate(
+        origin="one shape as a part of the other",
+        reverses_orientation=False,
+        mirrored=False,
+        functional_map=functional_map,
+        reverse_functional_map=reverse,
+        sample_map=sample_map,
+        anchors=None,
+        final_anchors=None,
+        certainty=0.0,
+        scores=one.scores | against | {"total": total},
+        part_match=one,
+    )

@@ -194,5 +194,15 @@ def _candidate(entry: _Screened, source: ShapeAnalysis, target: ShapeAnalysis, d
     scores = {name: (there[name] + back_again[name]) / 2 for name in there}
     scores |= disagreement(functional_map, sample_map, hypothesis.anchors)
     scores["total"] = total_score(scores)
-    maps, anchors_of_map = (functional_map, reverse, sample_map), (hypothesis.anchors, hypothesis.final_anchors)
-    return Candidate(hypothesis.origin, reverses, reverses, *maps, *anchors_of_map, 0.0, scores)
+    return Candidate(
+        origin=hypothesis.origin,
+        reverses_orientation=reverses,
+        mirrored=reverses,
+        functional_map=functional_map,
+        reverse_functional_map=reverse,
+        sample_map=sample_map,
+        anchors=hypothesis.anchors,
+        final_anchors=hypothesis.final_anchors,
+        certainty=0.0,
+        scores=scores,
+    )
