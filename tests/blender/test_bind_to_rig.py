@@ -29,7 +29,7 @@ from true_match import keep_true_match
 import zoomout_core as zo
 from blender_addon import api, cli, jobs
 from blender_addon.scene.pair import read_pair
-from blender_addon.services.transfer import summary
+from blender_addon.services.transfer_report import summary
 from blender_addon.storage import stored_match
 from zoomout_core.geometry.closest_points import closest_points
 
