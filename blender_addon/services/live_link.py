@@ -167,7 +167,7 @@ def _check(context: Context, pair: ObjectPair, settings: Settings) -> None:
 def _read(context: Context, pair: ObjectPair, settings: Settings) -> tuple[list[Layer], Attribute, dict[str, str]]:
     """The source's layers that nodes can mix, its weights, and the names of groups on it by those on the target.
 
-    Groups that get the same name on the target are left out: their sum is no mixture of one.
+    Groups that get the same name on the target are left out, because a link cannot add them up.
     """
     with evaluated_sources(context, pair) as (source,):
         found, _ = mesh_data.read_layers(source.mesh, settings.turning)

@@ -25,7 +25,7 @@ from .targets import Write
 
 # Key of a custom property of levels and of their collection, with the name of the object that they were made of.
 LEVEL_OF = "zoomout_level_of"
-# The end of the names of levels, by which Unity groups them.
+# Suffix of the names of levels: Unity groups them by it.
 SUFFIX = re.compile(r"_LOD\d+$")
 
 
@@ -36,7 +36,7 @@ class LevelChoice:
     Attributes:
         ratios: for each level after the object itself the share of its vertices, between 0 and 1.
         max_weights: maximum number of bones that move a vertex of these levels; 0 for that of the object.
-        meshes: names of objects whose meshes are to be the levels, instead of simplified ones, in any order; they are
+        meshes: names of objects whose meshes become the levels, instead of simplified ones, in any order; they are
             in the place and rest pose of the object.
         keep_uv: whether these meshes keep their own UV maps.
     """

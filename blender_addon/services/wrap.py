@@ -163,7 +163,7 @@ async def prepare_wrap(
 
 
 def check_one_target(wrapping: Wrapping, targets: Collection[str]) -> None:
-    """Raise a MeshError if the source is to be wrapped onto several targets."""
+    """Raise a MeshError if there are several targets to wrap the source onto."""
     if wrapping.reverse and len(targets) > 1:
         raise zo.MeshError("The source can be wrapped onto only one target at a time: select a single target.")
 

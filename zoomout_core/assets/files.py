@@ -142,7 +142,7 @@ def write_asset(
         MeshError: files with this extension cannot be written or compressed, or a .vrm file would not be an avatar.
         ImportError: a package that writes or compresses this format is not installed.
         OutputError: it cannot be written, or would replace an input; all earlier files are unchanged.
-        TypeError: it is no Asset.
+        TypeError: it is not an Asset.
 
     Example:
         >>> zo.write_asset(zo.Asset(source), folder / "creature.ply")  # notes on data that the format cannot store

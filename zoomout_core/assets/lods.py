@@ -235,7 +235,7 @@ def _with_facing_normals(level: Asset, asset: Asset, used: Integers) -> Asset:
 
 
 def _fit(source: Asset, level: Asset, used: Integers, poses: Poses) -> Asset:
-    """A level at rest, moved and weighted to be close to the asset in all poses; coinciding vertices stay so."""
+    """A level at rest, moved and weighted to be close to the asset in all poses; coinciding vertices still coincide."""
     rest = level.surface.vertices
     first, of_vertex = merge_places(rest)
     places = points_in_poses(source, poses, poses.parts, poses.parts[used], FITTED * len(first))

@@ -36,7 +36,7 @@ def parts_of(asset: Asset) -> NamedParts:
 
 
 def parts_of_file(path: str | Path, surface: Surface) -> NamedParts:
-    """The parts of a surface that was read from a file, perhaps by another program; its loose parts without names.
+    """The parts of a surface that was read from a file, perhaps by another program; without names, its loose parts.
 
     A file whose shape can be read, but not its materials, counts as one without names.
     """

@@ -217,7 +217,7 @@ def _closest(compared: Sequence[_Compared], count: int) -> list[_Compared]:
 
 
 def misfit_of(result: MatchResult) -> float:
-    """The weighted geometric mean of the errors by which a match's candidates are ranked."""
+    """The weighted geometric mean of the errors that rank the candidates of a match."""
     weights = (
         SCORES.place + SCORES.facing + SCORES.commutativity + SCORES.frequency + SCORES.distance + SCORES.curvature
     )

@@ -18,7 +18,7 @@ DETAIL: dict[str, dict[str, int | None]] = {
 
 
 def sizes_in_words(detail: str) -> str:
-    """The arguments of `match` that a level of detail stands for."""
+    """The arguments of `match` for a level of detail."""
     sizes = {field.name: field.default for field in fields(MatchOptions)} | DETAIL[detail]
     return ", ".join(f"{name}={sizes[name]!r}" for name in DETAIL["fast"])
 

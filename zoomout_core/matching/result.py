@@ -247,7 +247,7 @@ def load_result(path: str | PathLike[str]) -> MatchResult:
 
     Raises:
         FileNotFoundError: there is no such file.
-        MeshError: it holds no result, or one of another version.
+        MeshError: it contains no result, or one of another version.
 
     Example:
         >>> result.save(folder / "result.npz")

@@ -94,7 +94,7 @@ class _Data:
     Attributes:
         attribute: the values.
         write: writes such values to an object.
-        partner: for materials, the slot of each one's partner on the other side.
+        partner: for each material the slot of its partner on the other side.
     """
 
     attribute: Attribute

@@ -181,7 +181,7 @@ def _pieces(
 
 
 def _lies_on(part: Part, whole: Part) -> bool:
-    """Whether a part has the position of another one, or of a piece of it."""
+    """Whether a part coincides with another one, or with a piece of it."""
     far = SAME_PLACE_DISTANCE * part.size
     offset = part.centre - whole.centre
     return bool(offset @ offset <= (whole.reach + far) ** 2) and part.distance_to(whole) <= far

@@ -26,7 +26,7 @@ from zoomout_core.spectral.sampling import farthest_points
 
 # Parts of each surface that are paired one to one, the largest first. A mesh with more has debris or strands of hair.
 MAX_PAIRED_PARTS = 300
-# Sample vertices by which parts are compared.
+# Number of sample vertices that compare parts.
 SAMPLES_PER_PART = 32
 # Candidate partners of a part, by distance and size; only these are compared sample by sample.
 CANDIDATE_PARTNERS = 6

@@ -36,7 +36,7 @@ class Hypothesis:
 
 
 def alike(places: Sequence[Floats], tolerance: float) -> Booleans:
-    """(m, m) whether each of m maps is the same as each other one, by the places (s, d) of the images of all samples.
+    """(m, m) which of m maps are the same, by the places (s, d) of the images of all samples.
 
     Their mean squared difference is then at most `tolerance`, as a part of the variance of the first one's places.
     """

@@ -163,7 +163,7 @@ def are_rivals(one: Candidate, other: Candidate, source: ShapeAnalysis, target: 
 def _differences(
     one: Candidate, other: Candidate, source: ShapeAnalysis, target: ShapeAnalysis
 ) -> tuple[Floats, Floats]:
-    """(p,) the area around some places of the target, and (p,) the distance of each one's images by two candidates.
+    """(p,) the areas around places of the target, and (p,) the distances between their images by two candidates.
 
     These are the mesh's vertices if both maps are finished, search samples otherwise.
     """
