@@ -216,12 +216,12 @@ async def prepare_transfer(
     if not found.is_new:
         remarks.notes.extend(unused_settings(found.settings, match_options))
     job = TransferJob(found.match, pair, remarks, settings, blend)
-    computed = 1.0 if binding is None else (1 + found.done) / 2
-    with portion(found.done, computed):
+    done = 1.0 if binding is None else (1 + found.done) / 2
+    with portion(found.done, done):
         await compute(partial(transfer_all, [one for one in adapters if one not in bound_later], job))
     if binding is None or weights is None:
         return PreparedTransfer(context, found, adapters, job, use)
-    with portion(computed, 1):
+    with portion(done, 1):
         bound = await prepare_binding(context, job, weights, keys, binding)
     remarks.notes.extend(bound.notes)
     bind_worn = await take_to_rest(context, pair, bound.rest.positions)
