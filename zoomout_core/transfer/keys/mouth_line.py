@@ -104,9 +104,8 @@ def find_mouth_line(vertices: Floats, triangles: Integers, centre: Floats, head:
     crease = (view.close(CREASE * head.size) - view.depth) / (SHARP * head.size)
     sharp = np.where(on_rims, np.minimum(crease, 1), 0).max(axis=1)
     sharp[(upper - lower) * view.pixel > CREASE * head.size] = 1  # lips that are apart
-    is_valley = scipy.ndimage.binary_closing(
-        depth[column, line] > SHARP, np.ones(round(BRIDGED * head.size / view.pixel))
-    )
+    bridge = np.ones(round(BRIDGED * head.size / view.pixel), dtype=bool)
+    is_valley = scipy.ndimage.binary_closing(depth[column, line] > SHARP, bridge)
     middle = len(column) // 2
     right, left = _length(sharp[:middle][::-1], is_valley[:middle][::-1]), _length(sharp[middle:], is_valley[middle:])
     between = slice(middle - int(right), middle + int(left))
