@@ -19,8 +19,17 @@ from zoomout_core.arrays import Floats, Integers
 from zoomout_core.maps.functional_map import functional_map_of
 from zoomout_core.matching.hypotheses.hypothesis import Hypothesis
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis, analyse
-from zoomout_core.matching.ranking.rank import Candidate, _align, _leading, rank, sort_by_certainty, with_others
+from zoomout_core.matching.ranking.rank import (
+    CERTAINTY,
+    Candidate,
+    _align,
+    _leading,
+    rank,
+    sort_by_certainty,
+    with_others,
+)
 from zoomout_core.matching.ranking.scores import ENERGY, IN_SPACE, TORN, evidence_score
+from zoomout_core.matching.report.verdict import VERDICT
 
 COUNT = 40
 
@@ -182,10 +191,25 @@ def test_certainty_never_rises_down_the_ranking() -> None:
 
 
 def test_mirror_images_rank_last_and_rival_only_each_other() -> None:
-    direct, mirrored, other = candidate(5.0), candidate(0.0, 0.5, mirrored=True), candidate(0.0, 0.9, mirrored=True)
+    direct, mirrored, other = candidate(1.0), candidate(0.0, 0.5, mirrored=True), candidate(0.0, 0.9, mirrored=True)
     ranked = sort_by_certainty([mirrored, direct, other], line(), line())
     assert [one.mirrored for one in ranked] == [False, True, True]
     assert certainties(direct, mirrored, other) == pytest.approx([0.99, 0.5, 0.5], abs=0.02)
+
+
+def test_no_map_is_certain_if_a_mirror_image_has_a_much_better_score() -> None:
+    # Bodies in opposite poses: of the maps that lag behind their mirror image so far, one in five is wrong.
+    image = candidate(0.0, 0.5, mirrored=True)
+    alone, near, far, farther = (
+        certainties(candidate(total), image)[0] for total in (0.0, CERTAINTY.image_lead - 1, 4.0, 1e3)
+    )
+    assert alone > near > 0.98
+    assert 0.75 < far < VERDICT.certain
+    assert far == pytest.approx(farther, abs=0.01)
+    # Less likely maps are not favoured, and the mirror image itself keeps its certainty.
+    first, second, mirrored = certainties(candidate(4.0), candidate(5.5, 0.5), image)
+    assert far >= first > 0.1 > second
+    assert mirrored == certainties(image)[0]
 
 
 def test_mirror_images_of_cloth_are_rivals() -> None:
