@@ -229,7 +229,7 @@ def is_closed(shape: ShapeAnalysis) -> bool:
 
 def _sort_rivals(rivals: Sequence[Candidate], source: ShapeAnalysis, target: ShapeAnalysis) -> list[Candidate]:
     """Candidates that rival each other, with their certainty, which never rises from one to the next."""
-    totals = _totals(rivals)
+    totals = _totals(rivals, is_closed(source) and is_closed(target))
     order = np.argsort(totals, kind="stable")
     ranked, totals = [rivals[i] for i in order], totals[order]
     certainties = [_certainty(number, ranked, totals, source, target) for number in range(len(ranked))]
@@ -237,13 +237,27 @@ def _sort_rivals(rivals: Sequence[Candidate], source: ShapeAnalysis, target: Sha
     return [replace(one, certainty=float(certainty)) for one, certainty in zip(ranked, falling, strict=True)]
 
 
-def _totals(candidates: Sequence[Candidate]) -> Floats:
-    """(c,) total scores with the energies of finished maps; an unknown energy counts as the largest known one."""
-    energies = np.array([candidate.scores.get(ENERGY, np.nan) for candidate in candidates])
-    known = np.isfinite(energies)
-    filled = np.where(known, energies, energies[known].max()) if known.any() else np.ones(len(energies))
-    totals = np.array([candidate.scores["total"] for candidate in candidates])
-    return np.asarray(totals + SCORES.energy * np.log(np.maximum(filled, 1e-9)))
+def _totals(candidates: Sequence[Candidate], closed: bool) -> Floats:
+    """(c,) total scores with the energies of finished maps, and with their tears if the shapes are closed.
+
+    An unknown energy, and unknown tears, count as the largest known ones.
+    """
+    finished = np.array([_finished_score(candidate.scores, closed) for candidate in candidates])
+    known = np.isfinite(finished)
+    filled = np.where(known, finished, finished[known].max()) if known.any() else np.zeros(len(finished))
+    return np.asarray(filled + [candidate.scores["total"] for candidate in candidates])
+
+
+def _finished_score(scores: dict[str, float], closed: bool) -> float:
+    """The contribution of a finished map's energy and tears to its total score; not a number if it is not finished."""
+    tears = _tear_odds(scores) / CERTAINTY.rivalry if closed else 0.0
+    return float(SCORES.energy * np.log(max(scores[ENERGY], 1e-9))) + tears if ENERGY in scores else np.nan
+
+
+def _tear_odds(scores: dict[str, float]) -> float:
+    """Log odds against a finished map of closed shapes by the triangles that it tears."""
+    tears = CERTAINTY.tear_rate * np.log1p(scores.get(TORN, 0.0) / CERTAINTY.tear)
+    return float(min(tears, CERTAINTY.tear_limit))
 
 
 def with_others(
@@ -295,8 +309,7 @@ def _odds_against(scores: dict[str, float], closed: bool) -> float:
     """Odds against a map by its fit in space, and between closed shapes by its tears."""
     log_odds = CERTAINTY.misfit + CERTAINTY.misfit_rate * np.log(max(scores["place"], 1e-9))
     if closed:
-        tears = CERTAINTY.tear_rate * np.log1p(scores.get(TORN, 0.0) / CERTAINTY.tear)
-        log_odds += min(tears, CERTAINTY.tear_limit) - CERTAINTY.closed
+        log_odds += _tear_odds(scores) - CERTAINTY.closed
     return float(np.exp(log_odds))
 
 
@@ -312,7 +325,9 @@ def _lead(one: Candidate, other: Candidate, on_the_whole: float, source: ShapeAn
     areas, apart = _differences(one, other, source, target)
     weights = areas * apart
     ratio = max(float(weights @ there), 1e-9) / max(float(weights @ here), 1e-9)
-    return other.scores["total"] - one.scores["total"] + SCORES.energy * float(np.log(ratio))
+    closed = is_closed(source) and is_closed(target)
+    tears = (_tear_odds(other.scores) - _tear_odds(one.scores)) / CERTAINTY.rivalry if closed else 0.0
+    return other.scores["total"] - one.scores["total"] + SCORES.energy * float(np.log(ratio)) + tears
 
 
 def _align(candidate: Candidate, source: ShapeAnalysis, target: ShapeAnalysis) -> Candidate:

@@ -182,6 +182,19 @@ def test_finished_map_of_lower_energy_ranks_first() -> None:
     assert ranked[0].certainty > 0.7 > 0.3 > ranked[1].certainty > ranked[2].certainty
 
 
+def test_of_two_finished_maps_of_closed_shapes_the_less_torn_one_ranks_first() -> None:
+    energies = np.full(COUNT, 0.1)
+    ahead, behind = finish(candidate(0.0), energies), finish(candidate(0.5, 0.5), energies)
+    ahead, behind = (replace(one, scores=one.scores | {TORN: count}) for one, count in ((ahead, 30.0), (behind, 0.5)))
+    rest = candidate(0.4, 0.9)  # not finished, so taken to be as torn as the most torn one
+    ranked = sort_by_certainty([ahead, behind, rest], line(), line())
+    assert [one.origin for one in ranked] == [behind.origin, ahead.origin, rest.origin]
+    assert ranked[0].certainty > 0.7
+    # A border or touching limbs explain the tears.
+    for other in (line(triangles=TETRAHEDRON[:3]), line(is_hull=True)):
+        assert sort_by_certainty([ahead, behind, rest], line(), other)[0].origin == ahead.origin
+
+
 def test_certainty_never_rises_down_the_ranking() -> None:
     # The second fits better in space, but all else contradicts it.
     first, second = candidate(0.0, place=0.05), candidate(0.1, 0.05, place=0.01)
