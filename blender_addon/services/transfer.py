@@ -220,13 +220,12 @@ async def prepare_transfer(
     if not found.is_new:
         remarks.notes.extend(_unused_settings(found.settings, match_options))
     job = TransferJob(found.match, pair, remarks, settings, blend)
-    done = 1.0 if binding is None else (1 + found.done) / 2
-    with portion(found.done, done):
-        await compute(partial(transfer_all, [one for one in adapters if one not in bound_later], job))
-    if binding is None or weights is None:
-        return PreparedTransfer(context, found, adapters, job, use)
-    with portion(done, 1):
-        bound = await prepare_binding(context, job, weights, keys, binding)
+    others = [one for one in adapters if one not in bound_later]
+    with portion(found.done, 1):
+        if binding is None or weights is None:
+            await compute(partial(transfer_all, others, job))
+            return PreparedTransfer(context, found, adapters, job, use)
+        bound = await prepare_binding(context, job, others, weights, keys, binding)
     remarks.notes.extend(bound.notes)
     bind_worn = await take_to_rest(context, pair, bound.rest.positions)
     return PreparedTransfer(context, found, adapters, job, use, bound, bind_worn)
@@ -269,7 +268,7 @@ class PreparedTransfer:
                 write_posed_shape(target, bound)
             target.data.update()
             if bound is not None:
-                keep_match(context, pair, found.match, found.settings)
+                keep_match(context, pair, bound.match, found.settings)
             return _write_report(target, self.adapters, self.job, users_of_mesh(context, target), bound)
 
     def _write_data(self, target: Object, at_rest: bool) -> None:

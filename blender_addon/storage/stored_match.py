@@ -21,7 +21,7 @@ import numpy as np
 from bpy.types import Mesh
 
 import zoomout_core as zo
-from zoomout_core.arrays import Booleans
+from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.maps.surface_map import fault_of_map
 from zoomout_core.matching.report.verdict import LEVELS, LOW_CONFIDENCE
 from zoomout_core.messages import to_json
@@ -87,6 +87,28 @@ class StoredMatch:
 Match: TypeAlias = zo.MatchResult | zo.ProximityMatch | StoredMatch
 
 
+def along(match: Match, surface_map: zo.SurfaceMap, confidence: Floats) -> StoredMatch:
+    """A match with another map and confidence (n_t,) in place of its own."""
+    of_source, torn, verdict = _judgements(match)
+    return StoredMatch(
+        surface_map,
+        confidence,
+        match.notes,
+        has_partner=match.has_partner,
+        source_has_partner=of_source,
+        without_partner=without_partner(match),
+        verdict=verdict,
+        torn=torn,
+    )
+
+
+def _judgements(match: Match) -> tuple[Booleans | None, Booleans | None, zo.Verdict | None]:
+    """(n_s,) which vertices of the source have a partner, (n_t,) which are torn, and the verdict; None if not known."""
+    if isinstance(match, zo.ProximityMatch):
+        return None, None, None
+    return match.source_has_partner, match.torn, match.verdict
+
+
 def write(mesh: Mesh, match: Match, pair: ObjectPair, settings: Mapping[str, Any]) -> None:
     """Store a match on the target's mesh; it replaces an earlier one.
 
@@ -119,11 +141,7 @@ def _write_layers(mesh: Mesh, match: Match) -> None:
 def _describe_match(mesh: Mesh, match: Match, pair: ObjectPair, settings: Mapping[str, Any]) -> dict[str, Any]:
     """The description of a match whose attributes are on a mesh, with the `ENTRIES`."""
     (source, *further), target = pair.source_fingerprints, pair.target_fingerprint
-    of_source, torn, verdict = (
-        (None, None, None)
-        if isinstance(match, zo.ProximityMatch)
-        else (match.source_has_partner, match.torn, match.verdict)
-    )
+    of_source, torn, verdict = _judgements(match)
     return {
         "source": source.name,
         "source_fingerprint": source.digest,
@@ -212,7 +230,7 @@ def verdict_of(stored: Mapping[str, Any]) -> zo.Verdict | None:
 
 def pack_verdict(match: Match) -> dict[str, str] | None:
     """The verdict on a match for reports, see `verdict_of`; None if it is not known, such as for nearest points."""
-    verdict = None if isinstance(match, zo.ProximityMatch) else match.verdict
+    _, _, verdict = _judgements(match)
     return None if verdict is None else verdict._asdict()
 
 
