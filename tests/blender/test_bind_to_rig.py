@@ -279,6 +279,25 @@ def test_match_is_valid_after_binding():
     assert not any("match again" in note for note in report["notes"])
 
 
+def test_data_of_a_bound_target_follows_the_match_that_the_bones_correct():
+    source, armature = fine_source_and_rig()
+    target, at_rest = fine_pose_target(source, armature)
+    keep_true_match(target, at_rest + np.array([0, 0, 0.12]))
+    source.data.attributes.new("Height", "FLOAT", "POINT").data.foreach_set("value", visible_positions(source)[:, 2])
+
+    def error():
+        heights = np.empty(len(at_rest), np.float32)
+        target.data.attributes["Height"].data.foreach_get("value", heights)
+        return np.median(np.abs(heights - at_rest[:, 2]))
+
+    api.transfer_objects(bpy.context, source, target, ["attributes"])
+    before = error()
+    api.transfer_objects(bpy.context, source, target, ["attributes"], binding=api.Binding())
+    assert error() < 0.7 * before
+    api.transfer_objects(bpy.context, source, target, ["attributes"])  # along the match as it is stored then
+    assert error() < 0.7 * before
+
+
 def test_weights_are_limited_and_sum_to_one():
     source, armature = source_and_rig()
     target, _ = pose_target(source, armature)
