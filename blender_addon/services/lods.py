@@ -20,7 +20,7 @@ from zoomout_core.runtime.progress import stage
 
 from .. import mesh_data
 from ..jobs import compute, pause, run
-from ..scene.pair import edit_error, find_mesh
+from ..scene.pair import edit_error, find_mesh, name_of
 from .targets import Write
 
 # Key of a custom property of levels and of their collection, with the name of the object that they were made of.
@@ -67,7 +67,7 @@ def make_levels(context: Context, obj: Object, choice: LevelChoice | None = None
         MeshError: the object has no surface, a level would have too few vertices, or a given mesh is elsewhere; nothing
             was written.
     """
-    return run(prepare_levels(context, obj.name, choice or LevelChoice()))()
+    return run(prepare_levels(context, name_of(obj), choice or LevelChoice()))()
 
 
 async def prepare_levels(context: Context, name: str, choice: LevelChoice) -> Write[dict[str, Any]]:

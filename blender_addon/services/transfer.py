@@ -38,6 +38,7 @@ from ..properties.match import option_label
 from ..scene.pair import (
     READING,
     evaluated_sources,
+    name_of,
     target_mesh,
     users_of_mesh,
     writing,
@@ -90,7 +91,7 @@ def transfer_objects(
             match was stored.
         TypeError: an option of the match is unknown.
     """
-    report = run(transfer(context, source.name, target.name, data, settings, binding, **match_options))
+    report = run(transfer(context, name_of(source), name_of(target), data, settings, binding, **match_options))
     if hide_source:
         hide_sources(context, [report])
     return report
@@ -296,6 +297,8 @@ async def _collect(
     context: Context, pair: ObjectPair, data: Collection[str], settings: Settings
 ) -> tuple[list[Adapter], Remarks, Blend]:
     """Choose the source's data, check that the target can receive it, and determine the blend."""
+    if isinstance(data, str):
+        raise TypeError(f"The data is the text {data!r}: give a list of kinds, such as [{data!r}].")
     if unknown := set(data).difference(DATA):
         raise ValueError(f"There is no kind of data named {', '.join(sorted(unknown))}: choose from {', '.join(DATA)}.")
     adapters, remarks = list[Adapter](), Remarks()
@@ -306,6 +309,12 @@ async def _collect(
             await pause()
             with evaluated_sources(context, pair) as (first, *others), target_mesh(context, pair) as (target, _):
                 adapters += collect(TransferRequest(*first, target, data, settings, blend, others), remarks)
+    if not adapters and remarks.skipped:
+        reasons = (
+            message("{name}: skipped, {reason}", name=name, reason=as_message(remarks.skipped[name]))
+            for name in remarks.skipped
+        )
+        raise zo.MeshError("None of the data can be transferred. {reasons}.", reasons=enumeration(reasons, "; "))
     if not adapters:
         raise zo.MeshError("'{source}' has none of the data to transfer: choose other data.", source=pair.source_name)
     return adapters, remarks, blend

@@ -113,3 +113,8 @@ def test_written_values_are_finite_and_complete(ending: str, tmp_path: Path) -> 
 
 def uv_map(values: Floats) -> zo.Attribute:
     return zo.Attribute("uv 0", zo.Domain.CORNER, zo.Kind.UV, values)
+
+
+def test_empty_file_name_is_named() -> None:
+    with pytest.raises(MeshError, match="name of the file is empty: give its path"):
+        zo.read_asset("")

@@ -62,6 +62,8 @@ def make_lods(asset: Asset, ratios: Sequence[float], max_weights: int | None = N
     """
     source = at_rest(asset)
     working = source.surface.working
+    if not ratios:
+        raise MeshError("No levels are given: give shares of the vertices, such as 0.5.")
     for ratio in ratios:
         if not 0 < ratio < 1 or ratio * len(working.vertices) < MIN_VERTICES:
             raise MeshError(
