@@ -54,6 +54,18 @@ def to_array(values: Any, what: str) -> NDArray[Any]:
         raise ValueError(f"{what} must be numbers in rows of the same length.") from None
 
 
+def to_floats(values: Any, what: str) -> Floats:
+    """A user's values as an array of floats.
+
+    Raises:
+        ValueError: they are not numbers in rows of the same length; `what` they are begins the message.
+    """
+    try:
+        return np.asarray(fill_masked(values), dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ValueError(f"{what} must be numbers in rows of the same length.") from None
+
+
 def fill_masked(values: Any) -> Any:
     """A user's values with NaN, or None where they are not numbers, for the masked ones of a masked array.
 

@@ -74,6 +74,12 @@ def is_folder(output: str) -> bool:
     return os.path.isdir(output) or not Path(output).suffix  # pathlib's raises an error for a name that is too long
 
 
+def check_folder(output: str | os.PathLike[str]) -> None:
+    """Raise an OutputError if a file is in the place of an output folder."""
+    if os.path.exists(output) and not os.path.isdir(output):
+        raise OutputError(f"{output} is a file: give a folder, or a file with an extension.")
+
+
 def plan(
     source: str,
     targets: Sequence[str],
@@ -112,8 +118,7 @@ def plan(
         check_output(place, [source, *paths], in_place)
         return [Job(paths[0], place)]
     if not os.path.isdir(place):
-        if os.path.exists(place):
-            raise OutputError(f"{output} is a file: give a folder, or a file with an extension.")
+        check_folder(place)
         check_output(place)  # created when there is something to write
     for path in (Path(source), *paths):
         if os.path.dirname(os.path.realpath(path)) == os.path.realpath(place) and not in_place:

@@ -170,3 +170,8 @@ def test_full_disk_in_a_trial_is_not_a_fault_of_the_file(
         ran = run(zoomout, "transfer", *meshes, "-o", tmp_path / "out.glb")
     assert_refused(ran, "check disk space and permissions, or choose another place")
     assert "correct the file" not in ran.output
+
+
+def test_file_in_place_of_a_folder_of_levels_is_refused(meshes: tuple[Path, Path], tmp_path: Path) -> None:
+    (tmp_path / "a_file").touch()
+    assert_refused(run(zoomout, "lods", meshes[0], "-o", tmp_path / "a_file"), "is a file: give a folder, or")

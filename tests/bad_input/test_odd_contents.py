@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from base64 import b64encode
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -35,9 +36,20 @@ def with_joints_alone(tree: dict[str, Any]) -> None:
     tree["nodes"][2]["skin"], tree["skins"] = 0, [{"joints": [0, 1]}]
 
 
+def with_nan_weights(tree: dict[str, Any]) -> None:
+    with_joints_alone(tree)
+    content = np.full((3, 4), np.nan, "<f4").tobytes()
+    tree["buffers"].append({"byteLength": len(content), "uri": f"data:;base64,{b64encode(content).decode()}"})
+    tree["bufferViews"].append({"buffer": len(tree["buffers"]) - 1, "byteLength": len(content)})
+    view = len(tree["bufferViews"]) - 1
+    tree["accessors"].append({"bufferView": view, "componentType": 5126, "count": 3, "type": "VEC4"})
+    tree["meshes"][0]["primitives"][0]["attributes"]["WEIGHTS_0"] = len(tree["accessors"]) - 1
+
+
 NOTED: dict[str, tuple[Callable[[dict[str, Any]], None], str]] = {
     "an attribute of its own": (with_own_attribute, "contains the vertex attributes _HEAT, which are left out"),
     "an unknown extension": (with_unknown_extension, "requires EXT_bent_space, which is not read: check the meshes"),
+    "weights that are not numbers": (with_nan_weights, "have no skin weights and follow the first joint"),
     "joints without weights": (with_joints_alone, "have no skin weights and follow the first joint"),
 }
 

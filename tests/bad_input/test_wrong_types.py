@@ -140,6 +140,19 @@ WRONG: dict[str, Callable[[], object]] = {
     ),
     "a radius in words": lambda: zo.shot(SURFACE, "wide"),  # type: ignore[arg-type]
     "errors of fractions": lambda: zo.geodesic_error(np.full(100, 0.5), SURFACE, np.arange(100), np.arange(100)),
+    "smoothness in words": lambda: zo.wrap(SAME, SURFACE, SURFACE, smoothness="high"),  # type: ignore[arg-type]
+    "a mask in words": lambda: zo.wrap(SAME, SURFACE, SURFACE, mask="all"),
+    "a number as clothes": lambda: zo.dress(SAME, SURFACE, SURFACE, [3]),  # type: ignore[list-item]
+    "clothes without a list": lambda: zo.dress(SAME, SURFACE, SURFACE, SURFACE),  # type: ignore[arg-type]
+    "keys in words": lambda: zo.follow_keys(SURFACE, "smile", [SURFACE]),
+    "joints in a plane": lambda: zo.move_joints(SURFACE, SURFACE.vertices, np.zeros((2, 2))),
+    "joints in words": lambda: zo.move_joints(SURFACE, SURFACE.vertices, "knee"),
+    "moved vertices in words": lambda: zo.move_joints(SURFACE, "up", np.zeros((1, 3))),
+    "no bases": lambda: zo.consistent_zoomout([], {}),
+    "numbers as bases of many": lambda: zo.consistent_zoomout([BASIS, 3], {}),  # type: ignore[list-item]
+    "one name of a key": lambda: zo.translate_key_names("jawOpen", "arkit"),
+    "numbers as names of keys": lambda: zo.recognise_key_names([1, 2]),  # type: ignore[list-item]
+    "no names of keys": lambda: zo.missing_key_names(None, "arkit"),  # type: ignore[arg-type]
     "a cloud of faces": lambda: zo.match(SURFACE, ([0, 1, 2], SURFACE.vertices)),
 }
 

@@ -153,7 +153,7 @@ def match_collection(
     """
     if sum(choice is not None for choice in (template, pairs, neighbours)) != 1:
         raise MeshError(
-            "Give only one of a template, pairs and a number of neighbours to choose which shapes are matched."
+            "Give exactly one of a template, pairs and a number of neighbours to choose which shapes are matched."
         )
     options = MatchOptions() if options is None else options
     if options.landmarks is not None or options.initial_map is not None or options.regions is not None:

@@ -95,6 +95,8 @@ def consistent_zoomout(
         >>> maps = zo.consistent_zoomout(bases, {(0, 1): C, (1, 0): C.T}, k_final=30)
     """
     check_counts(k_initial=k_initial, k_final=k_final, step=step, samples=samples)
+    if not bases or not all(isinstance(basis, SpectralBasis) for basis in bases):
+        raise TypeError("Give the bases of the shapes, see `eigenbasis`, in a list.")
     fewest = min(len(basis.eigenvalues) for basis in bases)
     if k_final > fewest:
         raise ValueError(f"A basis has {fewest} eigenfunctions, too few for k_final = {k_final}: compute more of them.")

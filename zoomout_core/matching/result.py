@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from numbers import Integral
 from os import PathLike
 
 import numpy as np
@@ -213,8 +214,8 @@ class MatchResult(Summary):
             >>> result.use(1).chosen  # the map with left and right exchanged, for example
             1
         """
-        if not 0 <= candidate < len(self.candidates):
-            raise ValueError(f"There is no candidate {candidate}: they are numbered 0 to {len(self.candidates) - 1}.")
+        if not (isinstance(candidate, Integral) and 0 <= candidate < len(self.candidates)):
+            raise ValueError(f"There is no candidate {candidate!r}: they are numbered 0 to {len(self.candidates) - 1}.")
         return replace(make_result(self.pair, self.candidates, candidate), names=self.names)
 
     def save(self, path: str | PathLike[str]) -> None:

@@ -233,7 +233,7 @@ def _influences(rows: dict[str, Floats]) -> tuple[Integers, Floats, Booleans]:
     none = np.zeros((len(rows["POSITION"]), 4))
     sets = [number for number in range(len(rows)) if f"JOINTS_{number}" in rows]
     joint = np.hstack([none[:, :0], *(rows[f"JOINTS_{number}"] for number in sets)]).astype(int)
-    weight = np.hstack([none[:, :0], *(rows.get(f"WEIGHTS_{number}", none) for number in sets)])
+    weight = np.nan_to_num(np.hstack([none[:, :0], *(rows.get(f"WEIGHTS_{number}", none) for number in sets)]))
     bare = (weight <= 0).all(axis=1) & bool(sets)
     weight[bare, :1] = 1
     order = np.lexsort((joint, -weight)) if sets else np.zeros_like(joint)
