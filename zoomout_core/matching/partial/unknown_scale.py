@@ -126,6 +126,7 @@ class RoughPlace:
     certainty: float  # probability that it is right
     scale: float  # of the part, at which it fits best there
     places: Integers  # (d_p,) the whole's place for each place of the part
+    fit: float  # of the part there, the lower the better
 
 
 def rough_places(part: ShapeAnalysis, whole: ShapeAnalysis, scales: Sequence[float]) -> list[RoughPlace]:
@@ -140,12 +141,13 @@ def rough_places(part: ShapeAnalysis, whole: ShapeAnalysis, scales: Sequence[flo
     def place_at(scale: float) -> RoughPlace:
         region = Region.everywhere(_incomplete(part, scale), there)
         first = rough_candidates([region], sets, UNKNOWN_SCALE.maps_per_scale)[0]
-        return RoughPlace(certainty_of_fit(first.scores), scale * stretch(first), first.places)
+        return RoughPlace(certainty_of_fit(first.scores), scale * stretch(first), first.places, first.scores["fit"])
 
     def fit_scale(rough: RoughPlace) -> RoughPlace:
         region = Region.everywhere(_incomplete(part, rough.scale), there)
         fine = register_places(rough.places, region)
-        return RoughPlace(certainty_of_fit(fine.scores), rough.scale * stretch(fine), fine.places)
+        scale = rough.scale * stretch(fine)
+        return RoughPlace(certainty_of_fit(fine.scores), scale, fine.places, fine.scores["fit"])
 
     with portion(0.0, 0.8):
         found = sorted(for_each(place_at, scales), key=lambda rough: rough.certainty, reverse=True)
