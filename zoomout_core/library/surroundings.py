@@ -83,7 +83,7 @@ class PartSurroundings:
     """The surroundings of the places of a part that lacks a large piece."""
 
     features: SingleFloats  # (d, r, 4) see `surroundings_of`
-    known: Floats  # (d, r) 1 for radii below the distance to a cut, else 0
+    known: SingleFloats  # (d, r) 1 for radii below the distance to a cut, else 0
     areas: Floats  # (d,) the area of each place
 
     @classmethod
