@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 import zoomout_core as zo
 from zoomout_core.library import search as search_module
 from zoomout_core.library import wholes as wholes_module
-from zoomout_core.library.bodies import MAIN_PART, Body, bodies_of
+from zoomout_core.library.bodies import MAIN_PART, Body, analyse_body, bodies_of
 from zoomout_core.library.search import LibraryAsset, search
 from zoomout_core.library.surroundings import FEATURES, SURROUNDINGS, PartSurroundings, surroundings_of
 from zoomout_core.library.wholes import WHOLES, FoundWhole, find_wholes
@@ -52,7 +52,7 @@ def assets() -> list[LibraryAsset]:
 
 def test_surroundings_are_those_of_the_whole_at_the_scale_of_the_part(part: Body, assets: list[LibraryAsset]) -> None:
     narrow, own = (asset.bodies[MAIN_PART] for asset in assets)
-    shape = wholes_module.analyse_body(part.surface)
+    shape = analyse_body(part.surface)
     compared = PartSurroundings.of(shape)
     differences = [compared.compare(each.surroundings) for each in (narrow, own)]
     assert differences[1].mean < 0.95 * differences[0].mean
@@ -61,14 +61,14 @@ def test_surroundings_are_those_of_the_whole_at_the_scale_of_the_part(part: Body
 
 
 def test_surroundings_shift_with_the_scale(part: Body) -> None:
-    shape = wholes_module.analyse_body(part.surface)
+    shape = analyse_body(part.surface)
     ours, larger = surroundings_of(shape), surroundings_of(at_scale(shape, SURROUNDINGS.growth))
     assert ours.shape[1:] == (SURROUNDINGS.radii, FEATURES)
     np.testing.assert_allclose(larger[:, 4:], ours[:, 3:-1], atol=1e-4)
 
 
 def test_radii_beyond_a_cut_do_not_count(part: Body) -> None:
-    surroundings = PartSurroundings.of(wholes_module.analyse_body(part.surface))
+    surroundings = PartSurroundings.of(analyse_body(part.surface))
     beyond = np.where(surroundings.known[..., None] > 0, surroundings.features, 7.0).astype(np.float32)
     changed = PartSurroundings(beyond, surroundings.known, surroundings.areas)
     assert changed.compare(part.surroundings).mean == pytest.approx(surroundings.compare(part.surroundings).mean)
