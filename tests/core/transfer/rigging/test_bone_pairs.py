@@ -94,11 +94,9 @@ def test_humanoid_bones_are_known_by_the_names_of_common_rigs(there: str) -> Non
 
 
 def test_makehumans_bones_are_known_though_its_limbs_are_divided_and_have_no_bone_for_all_toes() -> None:
-    here = (
-        "root spine04 spine02 head clavicle.L upperarm01.L lowerarm01.L wrist.L upperleg01.L lowerleg01.L foot.L "
-        "finger1-1.L finger5-3.L"
-    ).split()
     there = [name for name in RIGS["mixamo"].split() if "Toe" not in name]
+    here = ["root", "spine04", "spine02", "head", "clavicle.L", "upperarm01.L", "lowerarm01.L", "wrist.L"]
+    here += ["upperleg01.L", "lowerleg01.L", "foot.L", "finger1-1.L", "finger5-3.L"]
     far = np.full((len(here) + 1, 3), 1e3)
     divided = [*here, "upperarm02.L"]
     assert pair(divided, far, there[::-1], -far[1:]) == dict(zip(here, there, strict=True))
