@@ -90,8 +90,10 @@ class OrientedSurface:
                 places.append(place)
                 on.append(chosen[at])
         self._on = np.concatenate(on)
-        normals = unit_vectors(area_normals(vertices, triangles[self._on]))
-        normals = normals * np.where(flipped[self._on], -1, 1)[:, None]
+        normals = np.zeros((len(self._on), 3))
+        if normal_weight > 0:
+            of_triangles = unit_vectors(area_normals(vertices, triangles)) * np.where(flipped, -1, 1)[:, None]
+            normals = of_triangles[self._on]
         self._apart = 0.0 if group is None else APART * float(np.ptp(vertices, axis=0).max())
         rows = self._rows(np.concatenate(places), normals, of_group[self._on])
         self._tree = search_tree(rows)
