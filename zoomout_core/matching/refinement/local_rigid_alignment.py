@@ -159,8 +159,10 @@ def _spread_from_body(moments: Floats, reliable: Floats, near: Booleans) -> Floa
     turns[root] = nearest_rotations(moments[root])
     done = np.zeros(len(moments), dtype=bool)
     done[root] = True
+    reached = np.array([root])
     while True:
-        reached = np.flatnonzero(near[:, done].any(axis=1) & ~done)
+        # The relation is symmetric, and neighbours of earlier ones are done.
+        reached = np.flatnonzero(near[reached].any(axis=0) & ~done)
         if not len(reached):
             turns[~done] = nearest_rotations(moments[~done])
             return turns
