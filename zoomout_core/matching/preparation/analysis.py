@@ -166,7 +166,7 @@ class ShapeAnalysis:
         squashed = smooth / (size + np.maximum(np.median(size, axis=0), FLAT_CURVATURE))
         return np.asarray(squashed - self.basis.areas @ squashed / self.basis.areas.sum())
 
-    @property
+    @cached_property
     def curvature(self) -> Floats:
         """(s, t) the same at the search samples."""
         return self.vertex_curvature[self.search.samples]
