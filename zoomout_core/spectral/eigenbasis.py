@@ -46,7 +46,7 @@ BLOCK_SIZE = 16
 RESIDUAL_TOLERANCE = 1e-3
 # Computed pairs per requested pair, since the last pairs have all of the remaining error.
 SURPLUS = 1.05
-# Size of the Krylov space at the first convergence test, per computed pair, and blocks beyond that. Of 33 bases of 60,
+# Size of the Krylov space at the first convergence test, per computed pair, and blocks beyond that. Of 30 bases of 60,
 # 120 and 200 functions, the first to converge did so there, or one block later. A further block divides the largest
 # residual by at most the third number, which determines the next test.
 FIRST_TEST_SIZE, FIRST_TEST_BLOCKS = 2.2, 5
