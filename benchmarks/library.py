@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -14,7 +15,8 @@ from tqdm import tqdm
 
 import zoomout_core as zo
 from benchmarks.characters.cases import is_broken, surface_of
-from benchmarks.characters.game import one_skin, read_character, shuffle
+from benchmarks.characters.game import Body, one_skin, read_character, shuffle
+from benchmarks.characters.skeleton import Skeleton
 from benchmarks.datasets import evenly
 from benchmarks.generate.things import THINGS, thing
 from benchmarks.outfits.clothes import Wardrobe
@@ -48,8 +50,13 @@ FAMILIES = {
 TUNING_PACKS = ("animals_pack", "easy_enemies_pack", "modular_men")
 # Kinds of queries: an asset in another pose with fewer faces; the same as one skin of voxels; a body whose own asset is
 # left out; a thing, and a character among others than its family, both of which are to be refused; a character with
-# the head of another one of its pack.
+# the head of another one of its pack; a head, and an upper body, cut out of one skin.
 POSED, SKIN, BUILD, STRANGER, TWO = "posed", "one skin", "other build", "stranger", "two sources"
+HEAD, UPPER = "head", "upper body"
+# Joints that move these parts, with all below them.
+PARTS = {HEAD: re.compile(r"(neck|head)\d*", re.IGNORECASE), UPPER: re.compile(r"torso|thorax", re.IGNORECASE)}
+# Shares of the vertices of a skin that a part may have; joints without weights, or of the whole body, move none.
+PART_SHARES = 0.02, 0.9
 # Packs of characters that can exchange heads, which are separate meshes, and the number of files between the two.
 MODULAR, HEADS, STEP = ("modular_men", "modular_women"), ("*_Head",), 3
 # Degrees by which the joints of these characters rotate.
@@ -125,7 +132,10 @@ def _queries(data: Path, assets: list[LibraryAsset], count: int | None, judging:
         character = read_character(path)
         if not is_broken(character):
             yield Query(POSED, name_of(path), surface_of(shuffle(character.thinned)), assets)
-            yield Query(SKIN, name_of(path), surface_of(shuffle(one_skin(character.posed))), assets)
+            skin = one_skin(character.posed)
+            yield Query(SKIN, name_of(path), surface_of(shuffle(skin)), assets)
+            for kind, part in _parts(skin, character.skeleton):
+                yield Query(kind, name_of(path), part, assets)
             strangers = [asset for asset in assets if family_of(name_of(asset.path)) != family_of(name_of(path))]
             yield Query(STRANGER, name_of(path), surface_of(character.posed), strangers)
     for pack in MODULAR:
@@ -145,6 +155,21 @@ def _queries(data: Path, assets: list[LibraryAsset], count: int | None, judging:
         yield Query(BUILD, name, surface, [asset for asset in assets if name_of(asset.path) != name])
     for name in evenly(list(THINGS), count):
         yield Query(STRANGER, f"{THING}/{name}", thing(name), assets)
+
+
+def _parts(skin: Body, skeleton: Skeleton) -> Iterator[tuple[str, Surface]]:
+    """The open parts of a skin by which its character is to be found, as far as it has them."""
+    for kind, pattern in PARTS.items():
+        moved = np.array([bool(pattern.fullmatch(name)) for name in skeleton.names])
+        for bone, parent in enumerate(skeleton.parent):
+            moved[bone] |= parent >= 0 and moved[parent]
+        inside = skin.weights[:, moved].sum(axis=1) > 0.5
+        if PART_SHARES[0] < inside.mean() < PART_SHARES[1]:
+            cut = Surface(skin.vertices, skin.triangles[inside[skin.triangles].all(axis=1)])
+            largest = cut.components == 0
+            kept = cut.triangles[largest[cut.triangles[:, 0]]]
+            used, corner = np.unique(kept, return_inverse=True)
+            yield kind, Surface(cut.vertices[used], corner.reshape(-1, 3))
 
 
 def _with_head(body: Path, head: Path, number: int) -> Surface:
@@ -188,7 +213,7 @@ def _search(query: Query) -> Record:
 
 def _summary(rows: list[Record]) -> list[Record]:
     found = []
-    for kind in (POSED, SKIN, BUILD, STRANGER, TWO):
+    for kind in (POSED, SKIN, HEAD, UPPER, BUILD, STRANGER, TWO):
         for role in ("tuning", "judging"):
             chosen = [row for row in rows if (row["kind"], row["set"]) == (kind, role)]
             if not chosen:

@@ -85,14 +85,18 @@ A mesh that cannot be used raises a `zoomout_core.MeshError`, whose message is a
 
 from __future__ import annotations
 
+from numbers import Integral
+
 from bpy.types import Context, Object
 
 import zoomout_core as zo
+from zoomout_core.arrays import check_counts
 
 from .adapters import DATA, USUAL_DATA, Binding, Settings
 from .mesh_data import surface_point_of_vertex
 from .scene import landmarks
 from .scene.landmarks import LandmarkPairs, landmark_pairs
+from .scene.pair import name_of
 from .services.bake import Baking, bake_textures
 from .services.binding.loose_armature import move_armature
 from .services.binding.part import AddedBones, add_bones
@@ -174,8 +178,11 @@ def set_landmark(context: Context, obj: Object, number: int, vertex: int, name: 
 
     Raises:
         MeshError: there is no such vertex, or the modifiers leave no surface there.
+        ValueError: the number is not a whole number of one or more.
     """
-    if obj.type != "MESH" or not 0 <= vertex < len(obj.data.vertices):
-        raise zo.MeshError(f"'{obj.name}' is not a mesh with a vertex {vertex}: choose another one.")
+    label = name_of(obj)
+    if obj.type != "MESH" or not isinstance(vertex, Integral) or not 0 <= vertex < len(obj.data.vertices):
+        raise zo.MeshError(f"'{label}' is not a mesh with a vertex {vertex}: choose another one.")
+    check_counts(number=number)
     place = surface_point_of_vertex(obj, vertex, context.evaluated_depsgraph_get())
     landmarks.set_landmark(context.scene, obj, place, number, name)

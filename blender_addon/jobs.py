@@ -149,7 +149,7 @@ class Job(Generic[Result]):
 async def _run_reporting(coroutine: Work[Result], listener: WeakMethod[Callable[[Progress], None]]) -> Result:
     """Run a coroutine and report its progress to a job.
 
-    The reference to the job is weak, so that a dropped job is deleted, and thereby cancelled, at once.
+    The reference to the job is weak, so that a dropped job is deleted at once, which cancels it.
     """
 
     def listen(latest: Progress) -> None:

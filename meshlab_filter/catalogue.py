@@ -100,6 +100,7 @@ def mesh_filter(*parameters: Parameter) -> Callable[[Callable[..., dict[str, Any
         CATALOGUE[row.name] = row
 
         def run(ms: MeshSet, *, callback: Callback | None = None, **given: Any) -> dict[str, Any]:
+            _check_mesh_set(ms)
             with _listening(callback):
                 return row.run(ms, **given)
 
@@ -192,6 +193,7 @@ def apply_filter(ms: MeshSet, name: str, /, *, callback: Callback | None = None,
         ValueError: a parameter does not exist, or its value has the wrong type.
     """
     _check_name(name)
+    _check_mesh_set(ms)
     with _listening(callback):
         if name in CATALOGUE:
             return CATALOGUE[name].run(ms, **parameters)
@@ -199,6 +201,14 @@ def apply_filter(ms: MeshSet, name: str, /, *, callback: Callback | None = None,
             report = _apply_native(ms, name, parameters)
             advance(1.0)
             return report
+
+
+def _check_mesh_set(ms: object) -> None:
+    """Raise a TypeError unless a script gave a MeshSet."""
+    from pymeshlab import MeshSet
+
+    if not isinstance(ms, MeshSet):
+        raise TypeError(f"The meshes are a {type(ms).__name__}: give a pymeshlab.MeshSet.")
 
 
 def check_mesh(ms: MeshSet, mesh_id: int) -> None:

@@ -53,7 +53,7 @@ def read_project(path: str | Path) -> list[ProjectMesh]:
     """Read the meshes of a project, in order.
 
     Raises:
-        MeshError: it is no project, has no mesh, or has a mesh without a file; the message names the line.
+        MeshError: it is not a project, has no mesh, or has a mesh without a file; the message names the line.
         OSError: the file cannot be read.
     """
     root = read_elements(path, "MeshLabProject", PROJECT)
@@ -89,7 +89,7 @@ def files_of(path: str | Path) -> list[Path]:
     """The files of an input: itself, and those of a project's meshes.
 
     Raises:
-        MeshError: it is no project.
+        MeshError: it is not a project.
         OSError: the project cannot be read.
     """
     return [Path(path), *((one.path for one in read_project(path)) if is_project(path) else ())]

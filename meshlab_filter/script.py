@@ -58,7 +58,7 @@ def read_script(path: str | Path) -> list[Call]:
     """Parse the calls of a script, in order.
 
     Raises:
-        MeshError: it is no script, or a call of this project's filters is wrong; the message names the line.
+        MeshError: it is not a script, or a call of this project's filters is wrong; the message names the line.
         OSError: the file cannot be read.
     """
     root = read_elements(path, "FilterScript", ".mlx")

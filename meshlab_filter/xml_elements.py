@@ -46,7 +46,7 @@ def read_elements(path: str | Path, root: str, ending: str) -> Element:
         ending: the extension of such files, for messages.
 
     Raises:
-        MeshError: it is no XML, declares entities, or has another root; the message names the line.
+        MeshError: it is not XML, declares entities, or has another root; the message names the line.
         OSError: the file cannot be read.
     """
     parser, opened, outermost = ParserCreate(), list[Element](), list[Element]()

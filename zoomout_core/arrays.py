@@ -54,6 +54,31 @@ def to_array(values: Any, what: str) -> NDArray[Any]:
         raise ValueError(f"{what} must be numbers in rows of the same length.") from None
 
 
+def to_floats(values: Any, what: str) -> Floats:
+    """A user's values as an array of floats.
+
+    Raises:
+        ValueError: they are not numbers in rows of the same length; `what` they are begins the message.
+    """
+    try:
+        return np.asarray(fill_masked(values), dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ValueError(f"{what} must be numbers in rows of the same length.") from None
+
+
+def fill_masked(values: Any) -> Any:
+    """A user's values with NaN, or None where they are not numbers, for the masked ones of a masked array.
+
+    numpy's functions would silently use the values below the mask.
+    """
+    if not isinstance(values, np.ma.MaskedArray) or not np.any(values.mask):
+        return values
+    numbers = values.dtype.kind in "biuf"
+    filled = np.array(values.data, dtype=np.promote_types(values.dtype, np.float16) if numbers else object)
+    filled[np.broadcast_to(values.mask, values.shape)] = np.nan if numbers else None
+    return filled
+
+
 def segment_sum(values: Floats, segment: Indices, count: int = 0) -> Floats:
     """(s,) or (s, d) sums of the values (n,) or (n, d) of each segment (n,), at least `count` segments."""
     if values.ndim == 1:

@@ -21,7 +21,7 @@ from zoomout_core.matching.report.verdict import RefusedMatchError
 from zoomout_core.mesh.formats.folders import meshes_of
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.messages import NO_MEMORY
-from zoomout_core.runtime.outputs import atomic_write, check_no_input, check_output
+from zoomout_core.runtime.outputs import OutputError, atomic_write, check_no_input, check_output
 from zoomout_core.runtime.progress import portion, renaming
 
 REPORT = "report.json"
@@ -71,7 +71,13 @@ class Outcome:
 
 def is_folder(output: str) -> bool:
     """Whether an output is a folder: an existing one, or a name without a file extension."""
-    return Path(output).is_dir() or not Path(output).suffix
+    return os.path.isdir(output) or not Path(output).suffix  # pathlib's raises an error for a name that is too long
+
+
+def check_folder(output: str | os.PathLike[str]) -> None:
+    """Raise an OutputError if a file is in the place of an output folder."""
+    if os.path.exists(output) and not os.path.isdir(output):
+        raise OutputError(f"{output} is a file: give a folder, or a file with an extension.")
 
 
 def plan(
@@ -111,7 +117,8 @@ def plan(
             raise MeshError(f"{output} is one file for {len(paths)} targets: give a folder.")
         check_output(place, [source, *paths], in_place)
         return [Job(paths[0], place)]
-    if not place.is_dir():
+    if not os.path.isdir(place):
+        check_folder(place)
         check_output(place)  # created when there is something to write
     for path in (Path(source), *paths):
         if os.path.dirname(os.path.realpath(path)) == os.path.realpath(place) and not in_place:

@@ -66,7 +66,7 @@ class InputFile(click.Path):
 
 
 def folders_option(command: Any) -> Any:
-    """Let a command read what a mesh file names in further folders."""
+    """Add an option for further folders with files that a mesh file names."""
     option = click.option(
         "--allow-folder",
         "folders",

@@ -112,7 +112,7 @@ def _centres(low: Floats, high: Floats, count: int) -> tuple[Integers, Integers]
 
 
 def draw_upright(points: Floats, triangles: Integers, colors: Floats, yaw: float, width: int, height: int) -> Bytes:
-    """Draw a mesh whose y axis is up, as large as the picture permits.
+    """Draw a mesh whose y axis is up, filling the picture.
 
     Args:
         points: (n, 3) vertices.

@@ -14,7 +14,7 @@ from typing import Protocol
 import numpy as np
 from scipy.sparse.csgraph import dijkstra
 
-from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.arrays import Booleans, Floats, Integers, to_array
 from zoomout_core.maps.surface_map import SurfaceMap, folded_triangles
 from zoomout_core.mesh.shapes import ShapeLike, as_surface
 from zoomout_core.mesh.surface import Surface, vertex_numbers
@@ -64,7 +64,8 @@ def geodesic_error(
         >>> bool(errors.mean() < 0.1)
         True
     """
-    vertex, source = _vertex_map(surface_map), as_surface(source)
+    source = as_surface(source)
+    vertex = _vertex_map(surface_map, len(source.vertices))
     target_vertex = vertex_numbers(target_vertex, len(vertex), "target_vertex, which comes before source_vertex,")
     source_vertex = vertex_numbers(source_vertex, len(source.vertices), "source_vertex")
     if len(target_vertex) != len(source_vertex):
@@ -83,10 +84,11 @@ def geodesic_error(
     return error / np.sqrt(source.area)
 
 
-def _vertex_map(given: SurfaceMap | HasMap | Integers) -> Integers:
-    """(n_t,) or (n_t, m) source vertices of a map or of several."""
+def _vertex_map(given: SurfaceMap | HasMap | Integers, count: int) -> Integers:
+    """(n_t,) or (n_t, m) of the `count` source vertices, of a map or of several."""
     given = getattr(given, "surface_map", given)
-    return given.vertex if isinstance(given, SurfaceMap) else np.asarray(given)
+    vertex = given.vertex if isinstance(given, SurfaceMap) else to_array(given, "A vertex map")
+    return vertex_numbers(vertex.ravel(), count, "Images on the source").reshape(vertex.shape)
 
 
 def distance_distortion(image: Integers, vertex: Integers, source: Surface, target: Surface) -> float:

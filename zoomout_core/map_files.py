@@ -65,7 +65,7 @@ def keep_map(save: Callable[[Path], None], output: Path, use: str = " (--initial
     Args:
         save: writes the map.
         output: the file that the command was to write; the map is put beside it, else into a new temporary folder.
-        use: what the map is good for.
+        use: how the map can be used.
 
     Raises:
         MeshError: the work failed.

@@ -82,7 +82,7 @@ def plural(count: int, one: str, several: str) -> Message:
 
 
 def probability(value: float) -> Message:
-    """An estimated probability as a percentage, never rounded to 0% or 100%, of which no estimate is capable."""
+    """An estimated probability as a percentage, never rounded to 0% or 100%, because no estimate is that reliable."""
     if value > 0.99:
         return message("over 99%")
     return message("under 1%") if value < 0.01 else message("{share:.0%}", share=value)

@@ -28,7 +28,7 @@ from benchmarks.paper.large import K_FINAL, SET, STEP
 from benchmarks.paper.starts import K_INITIAL, K_SIGNATURES, from_landmarks, landmarks_of
 from benchmarks.tables import Record, Tables
 from zoomout_core.arrays import Integers
-from zoomout_core.maps.zoomout import SampledBasis
+from zoomout_core.maps.sampled_basis import SampledBasis
 from zoomout_core.mesh.decimation import decimate
 
 # Target and source, of 19,000 vertices.

@@ -22,7 +22,8 @@ from benchmarks.datasets import PairOfMeshes, load_pair, sets_in, shipped_map, s
 from benchmarks.paper.compared import compare
 from benchmarks.tables import Record, Tables
 from zoomout_core.arrays import Integers
-from zoomout_core.maps.zoomout import SampledBasis, upsample
+from zoomout_core.maps.sampled_basis import SampledBasis
+from zoomout_core.maps.zoomout import upsample
 from zoomout_core.spectral.sampling import farthest_points
 
 INITIAL, FINAL = 10, 310

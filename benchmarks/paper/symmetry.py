@@ -25,7 +25,7 @@ from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 from zoomout_core.matching.preparation.memory_cache import cached_analysis
 from zoomout_core.matching.preparation.proxy import proxy_size
-from zoomout_core.matching.ranking.rank import Candidate
+from zoomout_core.matching.ranking.candidate import Candidate
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.runtime.threads import one_blas_thread
 from zoomout_core.symmetry.detect import find_candidates, isometry_errors

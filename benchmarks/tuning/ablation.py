@@ -20,7 +20,9 @@ from zoomout_core.matching.hypotheses.extremities import extremity_hypotheses
 from zoomout_core.matching.hypotheses.hypothesis import Hypothesis
 from zoomout_core.matching.hypotheses.signs import sign_hypotheses
 from zoomout_core.matching.pair import Pair
-from zoomout_core.matching.ranking.rank import Candidate, rank, sort_by_certainty
+from zoomout_core.matching.ranking.candidate import Candidate
+from zoomout_core.matching.ranking.certainty import sort_by_certainty
+from zoomout_core.matching.ranking.rank import rank
 from zoomout_core.matching.ranking.scores import ENERGY, scores_of, total_score
 from zoomout_core.matching.result import MatchResult
 

@@ -114,7 +114,7 @@ class TransferJob:
             attribute: an attribute of the source.
             what: its name in the progress.
             source: the source's surface, if in another pose or space than in the match.
-            target: likewise the target's.
+            target: the same for the target.
             options: options of the attribute's kind.
         """
         with stage(message("Transferring {what}", what=what)):

@@ -23,7 +23,7 @@ class MaterialAdapter:
         materials: None, then the materials in the source's slots, see `mesh_data.read_materials`, then those in the
             target's slots if both are blended.
         face_slots: each face's index in that list.
-        present: likewise for the target's faces.
+        present: the same for the target's faces.
         lacking: numbers of the sources that have no materials.
     """
 

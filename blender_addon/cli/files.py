@@ -105,12 +105,12 @@ def carry(context: Context, options: argparse.Namespace) -> dict[str, Any]:
         options.source,
         options.target,
         options.save,
-        options.data,
-        BlendOptions.settings(as_in_sidebar(options, BlendOptions)),
-        replace(binding, move_rig=options.move_rig) if options.bind or options.move_rig else None,
-        options.map,
-        options.detail,
-        options.in_place,
+        data=options.data,
+        settings=BlendOptions.settings(as_in_sidebar(options, BlendOptions)),
+        binding=replace(binding, move_rig=options.move_rig) if options.bind or options.move_rig else None,
+        map_file=options.map,
+        detail=options.detail,
+        in_place=options.in_place,
         force=options.force,
     )
     return outcome.done | {name: {"error": reason} for name, reason in outcome.failed.items()}
@@ -136,18 +136,19 @@ def faces(context: Context, options: argparse.Namespace) -> dict[str, Any]:
         if outcome.done:
             reviews.append(review_expressions(context, sources, matches))
 
-    files = options.source, options.target, options.save
     outcome = carry_file(
         context,
-        *files,
-        ("shape_keys",),
-        DEFAULT,
-        None,
-        options.map,
-        options.detail,
-        options.in_place,
-        review,
-        options.force,
+        options.source,
+        options.target,
+        options.save,
+        data=("shape_keys",),
+        settings=DEFAULT,
+        binding=None,
+        map_file=options.map,
+        detail=options.detail,
+        in_place=options.in_place,
+        review=review,
+        force=options.force,
     )
     failed = {name: reason for name, reason in outcome.failed.items() if name not in without or not outcome.done}
     entries = outcome.done | {name: {"error": reason} for name, reason in failed.items()}

@@ -80,7 +80,7 @@ def wrap(context: Context, options: argparse.Namespace) -> dict[str, Any]:
     """Wrap, and report on each target by name.
 
     Raises:
-        MeshError: the source is to be wrapped onto several targets.
+        MeshError: there are several targets to wrap the source onto.
     """
     wrapping = Wrapping(**WrapOptions.wrap_options(as_in_sidebar(options, WrapOptions)))
     check_one_target(wrapping, options.targets)

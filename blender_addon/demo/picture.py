@@ -21,7 +21,7 @@ from .character import BONES, PAINT
 from .target import bind
 
 WEIGHT_COLORS = "Weights"
-# Distances between the figures, and the angle in degrees by which they are turned to show a side.
+# Distances between the figures, and their angle to the viewer in degrees, which shows a side.
 ACROSS, DOWN, TURN = 1.95, 1.98, 14
 # Hues of the bones on the left, on the right and in between: first hue and range.
 HUES = {".L": (0.97, 0.20), ".R": (0.50, 0.26), "": (0.22, 0.20)}

@@ -105,7 +105,7 @@ from .rigs.armatures import (
 from .rigs.metarigs import copy_loose_rig, copy_metarig, metarig_of
 from .rigs.moved_rig import RigBones, bends_at_rest, child_of_constraints, copy_rig, read_rig_bones
 from .rigs.outfit_bones import OutfitBones, add_outfit_bones, bind_to_other, bones_copied_from, read_outfit_bones
-from .surfaces.base import (
+from .surfaces.base_mesh import (
     base_mesh,
     is_cage,
     read_mirrored_surface,

@@ -17,7 +17,8 @@ from ..scene.selection import sources_of_targets
 from ..services.binding.write import hide_sources
 from ..services.matching.made_match import MatchUse
 from ..services.targets import Write, each_target
-from ..services.transfer import done, prepare_transfer
+from ..services.transfer import prepare_transfer
+from ..services.transfer_report import summarise_targets
 from ..viewport import preview
 from .base.modal_operator import ModalOperator
 
@@ -40,7 +41,7 @@ class ZOOMOUT_OT_bind_to_rig(SourceName, MatchOptions, BlendOptions, BindOptions
         reports = await bind_targets(self, context, self.how_to_bind())
         if self.hide_source:
             hide_sources(context, reports)
-        return done(reports, self.hide_source)
+        return summarise_targets(reports, self.hide_source)
 
 
 def draw_binding(operator: ModalOperator, names: Sequence[str]) -> None:

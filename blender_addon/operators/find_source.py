@@ -62,7 +62,7 @@ class ZOOMOUT_OT_find_source(ModalOperator):
         settings.found_part_line = "" if part is None else translated(_line_of_part(part))
         for sentence in search.failures.values():
             self.report({"WARNING"}, reported(sentence))
-        return found.refusal or message("'{name}' fits best", name=found.ranked[0].path.name)
+        return found.refusal or found.note or message("'{name}' fits best", name=found.ranked[0].path.name)
 
 
 def _line_of_part(part: zo.FoundPart) -> Message:

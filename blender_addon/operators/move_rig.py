@@ -19,7 +19,7 @@ from ..services.binding.loose_armature import MovedArmature, loose_armature, pre
 from ..services.binding.part import add_bones_async
 from ..services.matching.made_match import MatchUse
 from ..services.targets import Write, each_target
-from ..services.transfer import done
+from ..services.transfer_report import summarise_targets
 from ..viewport import preview
 from .base.modal_operator import ModalOperator
 from .bind_to_rig import bind_targets, draw_binding
@@ -48,7 +48,7 @@ class ZOOMOUT_OT_move_rig(SourceName, MatchOptions, BlendOptions, BindOptions, M
         sources = sources_of_targets(context, self.source)
         if armature := loose_armature(context, sources.values()):
             return await self._move_armature(context, armature, sources)
-        return done(await bind_targets(self, context, replace(self.how_to_bind(), move_rig=True)), False)
+        return summarise_targets(await bind_targets(self, context, replace(self.how_to_bind(), move_rig=True)), False)
 
     async def _add_bones(self, context: Context) -> str:
         """Add the bones of the source that move a part to the armature of the active mesh."""

@@ -17,7 +17,8 @@ from ..scene.selection import chosen_targets, sources_of_targets
 from ..services.binding.write import hide_sources
 from ..services.matching.made_match import MatchUse
 from ..services.targets import Write, each_target
-from ..services.transfer import done, prepare_transfer
+from ..services.transfer import prepare_transfer
+from ..services.transfer_report import summarise_targets
 from ..storage import stored_match
 from ..viewport import preview
 from .base.modal_operator import ModalOperator
@@ -80,7 +81,7 @@ class ZOOMOUT_OT_transfer(
         if self.hide_source:
             hide_sources(context, outcome.done.values())
         self.report_failed(outcome)
-        return done(outcome.done.values(), self.hide_source)
+        return summarise_targets(outcome.done.values(), self.hide_source)
 
 
 def _own_sources(context: Context) -> dict[str, str]:

@@ -52,7 +52,7 @@ class ZOOMOUT_PG_place(PropertyGroup):
 
 
 class ZOOMOUT_PG_landmark(PropertyGroup):
-    """A numbered landmark, with a place on each object that it was set on. Its `name` says what it is."""
+    """A numbered landmark, with a place on each object that it was set on. Its `name` describes the place."""
 
     number: IntProperty(name="Number", description="Number drawn beside the landmark")
     places: CollectionProperty(

@@ -28,6 +28,21 @@ from ..mesh_data.arrays import hash_of
 READING = "Reading the meshes"
 
 
+def name_of(obj: object) -> str:
+    """The name of an object that a script gives.
+
+    Raises:
+        MeshError: it was removed from the file.
+        TypeError: it is not an object.
+    """
+    if not isinstance(obj, Object):
+        raise TypeError(f"{obj!r:.60} is not an object: give one, such as bpy.data.objects['Body'].")
+    try:
+        return str(obj.name)
+    except ReferenceError:
+        raise zo.MeshError("An object was removed from the file: find it in bpy.data.objects again.") from None
+
+
 def find_mesh(context: Context, name: str, edited: bool = False) -> Object:
     """The mesh object of a name, ready to read; it may be in Edit Mode only if `edited`.
 

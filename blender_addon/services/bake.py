@@ -27,7 +27,7 @@ from .. import mesh_data
 from ..adapters import FILL_BELOW
 from ..jobs import compute, pause, run
 from ..mesh_data import ImageRole, ImageUse, ObjectPair
-from ..scene.pair import check_not_edited, evaluated_sources, target_mesh
+from ..scene.pair import check_not_edited, evaluated_sources, name_of, target_mesh
 from ..scene.stored_pair import read_stored_match
 from .targets import Write
 
@@ -103,7 +103,7 @@ def bake_textures(context: Context, target: Object, baking: Baking | None = None
     Raises:
         MeshError: the target was not matched or has no UV map, or the source has no textures; nothing was written.
     """
-    return run(prepare_bake(context, target.name, baking or Baking()))()
+    return run(prepare_bake(context, name_of(target), baking or Baking()))()
 
 
 async def prepare_bake(context: Context, target_name: str, baking: Baking) -> Write[dict[str, Any]]:

@@ -65,6 +65,7 @@ def carry(
     source: str,
     target: str,
     output: str,
+    *,
     data: Collection[str],
     settings: Settings,
     binding: Binding | None,

@@ -15,7 +15,7 @@ from zoomout_core.transfer.rigging.motion import MotionCheck, PlayedMotion, Skin
 from .. import mesh_data
 from ..jobs import compute, run
 from ..mesh_data.matrices import transform_points, world_matrix
-from ..scene.pair import find_mesh
+from ..scene.pair import find_mesh, name_of
 from ..scene.stored_pair import read_stored_match
 from .binding.read import read_rigged, weights_of_bones
 
@@ -35,7 +35,7 @@ def check_motion(context: Context, target: Object) -> MotionCheck:
     Raises:
         MeshError: the target is not matched, not bound to bones like the source's, or nothing animates these.
     """
-    return run(check_motion_async(context, target.name))
+    return run(check_motion_async(context, name_of(target)))
 
 
 async def check_motion_async(context: Context, target_name: str) -> MotionCheck:

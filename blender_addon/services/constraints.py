@@ -157,7 +157,7 @@ def _contradicts_names(result: zo.MatchResult, regions: Sequence[tuple[np.ndarra
 
 
 def _whole_target(context: Context, pair: ObjectPair) -> zo.Surface | None:
-    """The target with the other half that its Mirror modifier adds; None without one."""
+    """The target with the other half that its Mirror modifier adds; None if it has no such modifier."""
     depsgraph = context.evaluated_depsgraph_get()
     return mesh_data.read_mirrored_surface(find_mesh(context, pair.target_name), depsgraph)
 

@@ -130,7 +130,7 @@ class Faults:
         sources: names of the objects that it was matched with; none if it has no match.
         stretched: by key, the vertices (n_t,) at edges that stretch much more than on the source.
         keys: by key that both have, its offsets on the sources (n_s, 3) and on the object (n_t, 3).
-        intersections: finds faces that intersect others; None without a match.
+        intersections: finds faces that intersect others; None if there is no match.
         content: hash of the object's mesh, see `mesh_data.content_hash`.
     """
 

@@ -24,7 +24,7 @@ from zoomout_core.transfer import Attribute
 from .. import mesh_data
 from ..jobs import compute, run
 from ..scene.files import COLLECTION, append_assets, append_file, assets_of, open_empty_scene, shown_meshes
-from ..scene.pair import find_mesh
+from ..scene.pair import find_mesh, name_of
 from .carry import read_file
 
 # Fraction of the progress that the preparation takes; a prepared library takes no time.
@@ -72,7 +72,7 @@ def find_source(context: Context, target: Object, folders: Sequence[str]) -> Sea
     Raises:
         MeshError: the target has no surface, or a folder is missing or has no characters.
     """
-    return run(find_source_async(context, target.name, folders))
+    return run(find_source_async(context, name_of(target), folders))
 
 
 async def find_source_async(context: Context, target: str, folders: Sequence[str]) -> Search:

@@ -29,7 +29,7 @@ from .. import mesh_data
 from ..adapters import DEFAULT, USUAL_DATA, Settings
 from ..jobs import compute, run
 from ..mesh_data import Layer, LinkedLayer, ObjectPair
-from ..scene.pair import evaluated_sources, find_mesh, writing
+from ..scene.pair import evaluated_sources, find_mesh, name_of, writing
 from ..scene.stored_pair import read_stored_match
 from ..storage import stored_link, stored_match
 from .targets import Write
@@ -67,7 +67,7 @@ def keep_linked(
     Raises:
         MeshError: the target was not matched, or cannot be linked; nothing was written.
     """
-    return run(prepare_link(context, target.name, data, settings))()
+    return run(prepare_link(context, name_of(target), data, settings))()
 
 
 def update_linked(context: Context, target: Object) -> dict[str, float]:
@@ -76,7 +76,7 @@ def update_linked(context: Context, target: Object) -> dict[str, float]:
     Raises:
         MeshError: the target is not linked, or its match is no longer valid; nothing was written.
     """
-    return run(prepare_update(context, target.name))()
+    return run(prepare_update(context, name_of(target)))()
 
 
 async def prepare_update(context: Context, target_name: str) -> Write[dict[str, float]]:
@@ -137,7 +137,7 @@ def summary(target: str, shares: dict[str, float]) -> str:
 
 
 def link_of(target: Object) -> dict[str, Any] | None:
-    """How a target was linked; None without a link, or if its modifier was removed."""
+    """How a target was linked; None if it is not linked, or its modifier was removed."""
     return stored_link.description(target.data) if mesh_data.link_modifier(target) is not None else None
 
 
@@ -167,7 +167,7 @@ def _check(context: Context, pair: ObjectPair, settings: Settings) -> None:
 def _read(context: Context, pair: ObjectPair, settings: Settings) -> tuple[list[Layer], Attribute, dict[str, str]]:
     """The source's layers that nodes can mix, its weights, and the names of groups on it by those on the target.
 
-    Groups that get the same name on the target are left out: their sum is no mixture of one.
+    Groups that get the same name on the target are left out, because a link cannot add them up.
     """
     with evaluated_sources(context, pair) as (source,):
         found, _ = mesh_data.read_layers(source.mesh, settings.turning)

@@ -20,12 +20,12 @@ from zoomout_core.runtime.progress import stage
 
 from .. import mesh_data
 from ..jobs import compute, pause, run
-from ..scene.pair import edit_error, find_mesh
+from ..scene.pair import edit_error, find_mesh, name_of
 from .targets import Write
 
 # Key of a custom property of levels and of their collection, with the name of the object that they were made of.
 LEVEL_OF = "zoomout_level_of"
-# The end of the names of levels, by which Unity groups them.
+# Suffix of the names of levels: Unity groups them by it.
 SUFFIX = re.compile(r"_LOD\d+$")
 
 
@@ -35,8 +35,8 @@ class LevelChoice:
 
     Attributes:
         ratios: for each level after the object itself the share of its vertices, between 0 and 1.
-        max_weights: how many bones may move a vertex of these levels; 0 for as many as in the object.
-        meshes: names of objects whose meshes are to be the levels, instead of simplified ones, in any order; they are
+        max_weights: maximum number of bones that move a vertex of these levels; 0 for that of the object.
+        meshes: names of objects whose meshes become the levels, instead of simplified ones, in any order; they are
             in the place and rest pose of the object.
         keep_uv: whether these meshes keep their own UV maps.
     """
@@ -67,7 +67,7 @@ def make_levels(context: Context, obj: Object, choice: LevelChoice | None = None
         MeshError: the object has no surface, a level would have too few vertices, or a given mesh is elsewhere; nothing
             was written.
     """
-    return run(prepare_levels(context, obj.name, choice or LevelChoice()))()
+    return run(prepare_levels(context, name_of(obj), choice or LevelChoice()))()
 
 
 async def prepare_levels(context: Context, name: str, choice: LevelChoice) -> Write[dict[str, Any]]:

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -11,8 +11,6 @@ from typing import Any
 from bpy.types import Context, Object
 
 import zoomout_core as zo
-from zoomout_core.matching.report.part_report import without_shares
-from zoomout_core.messages import as_message, enumeration, message, plural, warning
 from zoomout_core.runtime.progress import portion, stage
 from zoomout_core.transfer import Blend
 
@@ -20,7 +18,6 @@ from ..adapters import (
     COLLECTORS,
     DATA,
     DEFAULT,
-    NOUNS,
     USUAL_DATA,
     Adapter,
     Binding,
@@ -34,23 +31,23 @@ from ..adapters.shape_keys import ShapeKeyAdapter
 from ..adapters.vertex_groups import WeightAdapter
 from ..jobs import compute, pause, run
 from ..mesh_data import ObjectPair
-from ..properties.match import option_label
 from ..scene.pair import (
     READING,
     evaluated_sources,
+    name_of,
     target_mesh,
     users_of_mesh,
     writing,
 )
 from ..scene.stored_pair import stored_pair
-from ..storage import stored_match, stored_report
 from .binding.bind import Bound, prepare_binding
 from .binding.check import check_binding
-from .binding.write import hide_sources, is_at_source, keep_match, write_bound, write_posed_shape
+from .binding.write import hide_sources, keep_match, write_bound, write_posed_shape
 from .constraints import check_options
 from .dressing.dress import take_to_rest
 from .matching.made_match import BY_SCRIPT, FoundMatch, MatchUse, find_match, push_match, store_and_stop
 from .targets import Write
+from .transfer_report import unused_settings, write_report
 
 # Fraction of the progress for a new match.
 MATCHING = 0.8
@@ -90,7 +87,7 @@ def transfer_objects(
             match was stored.
         TypeError: an option of the match is unknown.
     """
-    report = run(transfer(context, source.name, target.name, data, settings, binding, **match_options))
+    report = run(transfer(context, name_of(source), name_of(target), data, settings, binding, **match_options))
     if hide_source:
         hide_sources(context, [report])
     return report
@@ -218,15 +215,14 @@ async def prepare_transfer(
     if found.refused is not None:
         return partial(store_and_stop, context, pair, found.refused, found.settings, use)
     if not found.is_new:
-        remarks.notes.extend(_unused_settings(found.settings, match_options))
+        remarks.notes.extend(unused_settings(found.settings, match_options))
     job = TransferJob(found.match, pair, remarks, settings, blend)
-    done = 1.0 if binding is None else (1 + found.done) / 2
-    with portion(found.done, done):
-        await compute(partial(transfer_all, [one for one in adapters if one not in bound_later], job))
-    if binding is None or weights is None:
-        return PreparedTransfer(context, found, adapters, job, use)
-    with portion(done, 1):
-        bound = await prepare_binding(context, job, weights, keys, binding)
+    others = [one for one in adapters if one not in bound_later]
+    with portion(found.done, 1):
+        if binding is None or weights is None:
+            await compute(partial(transfer_all, others, job))
+            return PreparedTransfer(context, found, adapters, job, use)
+        bound = await prepare_binding(context, job, others, weights, keys, binding)
     remarks.notes.extend(bound.notes)
     bind_worn = await take_to_rest(context, pair, bound.rest.positions)
     return PreparedTransfer(context, found, adapters, job, use, bound, bind_worn)
@@ -269,8 +265,8 @@ class PreparedTransfer:
                 write_posed_shape(target, bound)
             target.data.update()
             if bound is not None:
-                keep_match(context, pair, found.match, found.settings)
-            return _write_report(target, self.adapters, self.job, users_of_mesh(context, target), bound)
+                keep_match(context, pair, bound.match, found.settings)
+            return write_report(target, self.adapters, self.job, users_of_mesh(context, target), bound)
 
     def _write_data(self, target: Object, at_rest: bool) -> None:
         """Write the kinds of data that are written once the target is at rest, or the others."""
@@ -279,23 +275,12 @@ class PreparedTransfer:
                 one.write(target)
 
 
-def _unused_settings(stored: Mapping[str, Any], settings: Mapping[str, Any]) -> list[str]:
-    """A sentence about settings that differ from those of a stored match, or are not stored, if any."""
-    unused = [name for name, value in settings.items() if name not in stored or stored[name] != value]
-    if not unused:
-        return []
-    labels = enumeration(as_message(option_label(name)) for name in unused)
-    return [
-        warning(
-            "The existing match was used: to apply the changed settings ({settings}), match again.", settings=labels
-        )
-    ]
-
-
 async def _collect(
     context: Context, pair: ObjectPair, data: Collection[str], settings: Settings
 ) -> tuple[list[Adapter], Remarks, Blend]:
     """Choose the source's data, check that the target can receive it, and determine the blend."""
+    if isinstance(data, str):
+        raise TypeError(f"The data is the text {data!r}: give a list of kinds, such as [{data!r}].")
     if unknown := set(data).difference(DATA):
         raise ValueError(f"There is no kind of data named {', '.join(sorted(unknown))}: choose from {', '.join(DATA)}.")
     adapters, remarks = list[Adapter](), Remarks()
@@ -306,94 +291,12 @@ async def _collect(
             await pause()
             with evaluated_sources(context, pair) as (first, *others), target_mesh(context, pair) as (target, _):
                 adapters += collect(TransferRequest(*first, target, data, settings, blend, others), remarks)
+    if not adapters and remarks.skipped:
+        reasons = (
+            message("{name}: skipped, {reason}", name=name, reason=as_message(remarks.skipped[name]))
+            for name in remarks.skipped
+        )
+        raise zo.MeshError("None of the data can be transferred. {reasons}.", reasons=enumeration(reasons, "; "))
     if not adapters:
         raise zo.MeshError("'{source}' has none of the data to transfer: choose other data.", source=pair.source_name)
     return adapters, remarks, blend
-
-
-def _write_report(
-    target: Object, adapters: Sequence[Adapter], job: TransferJob, users: int, bound: Bound | None
-) -> dict[str, Any]:
-    match, pair, remarks = job.match, job.pair, job.remarks
-    written: dict[str, list[str]] = {kind: [] for kind in DATA}
-    for one in adapters:
-        written[one.kind].extend(one.names)
-    shared = warning(
-        "The mesh '{mesh}' is shared by {users} objects, which all received the data.",
-        mesh=target.data.name,
-        users=users,
-    )
-    report = {
-        "source": pair.source_name,
-        "others": list(pair.source_names[1:]),
-        "target": pair.target_name,
-        "written": written,
-        "skipped": remarks.skipped,
-        "notes": [*without_shares(match.notes), *remarks.notes, *([shared] if users > 1 else [])],
-        "vertices": len(match.confidence),
-        "low_confidence": stored_match.low_confidence(match.confidence),
-        "without_partner": stored_match.without_partner(match),
-        "verdict": stored_match.pack_verdict(match),
-        "stretched": None if bound is None else stored_match.pack_mask(bound.stretched),
-        "bound": None if bound is None else _binding_in_report(target, bound),
-    }
-    stored_report.write(target, report)
-    return report
-
-
-def _binding_in_report(target: Object, bound: Bound) -> dict[str, Any]:
-    """The armature of a bound target for reports, and whether it is a copy that was moved into it."""
-    moved = {"moved": True} if bound.rig is not None else {}
-    return {"armature": target.parent.name, "shape": bound.shape} | moved
-
-
-def summary(report: dict[str, Any]) -> str:
-    """The report in one sentence."""
-    known = [(NOUNS[kind], names) for kind, names in report["written"].items() if names and kind in NOUNS]
-    written = enumeration(plural(len(names), *nouns) for nouns, names in known)
-    bound = report.get("bound")  # missing in reports of earlier versions
-    bound = message(", bound to '{armature}'", armature=bound["armature"]) if bound else ""
-    others = and_others(report["others"])
-    done = message(
-        "Transferred {written} from '{source}'{others} to '{target}'{bound}",
-        written=written,
-        source=report["source"],
-        others=others,
-        target=report["target"],
-        bound=bound,
-    )
-    if report["skipped"]:
-        done = message("{done}; {count} skipped", done=done, count=len(report["skipped"]))
-    return message(
-        "{done}; {doubtful:,} of {vertices:,} vertices are doubtful",
-        done=done,
-        doubtful=report["low_confidence"],
-        vertices=report["vertices"],
-    )
-
-
-def done(reports: Iterable[dict[str, Any]], hidden: bool) -> str:
-    """Reports on several targets in one sentence. It names the place of bound targets, which seem to vanish.
-
-    Args:
-        reports: of transfers.
-        hidden: whether the sources of bound targets were hidden.
-    """
-    return enumeration(
-        (_place(report, hidden) if is_at_source(report) else summary(report) for report in reports), "; "
-    )
-
-
-def _place(report: dict[str, Any], hidden: bool) -> str:
-    """Where a bound target is."""
-    place = message(
-        "'{target}' is bound to '{armature}', in rest pose at the source's place",
-        target=report["target"],
-        armature=report["bound"]["armature"],
-    )
-    return message("{done}; the source is hidden", done=place) if hidden else place
-
-
-def and_others(names: Sequence[str]) -> str:
-    """The words after the name of a source if there are further sources."""
-    return plural(len(names), " and {count} other", " and {count} others") if names else ""

@@ -23,7 +23,7 @@ from ..adapters import Settings, check_takes_keys
 from ..jobs import compute, run
 from ..mesh_data import ObjectPair
 from ..scene.landmarks import LandmarkPairs, landmark_pairs
-from ..scene.pair import check_writable, find_mesh, fingerprint_source, fingerprint_target, writing
+from ..scene.pair import check_writable, find_mesh, fingerprint_source, fingerprint_target, name_of, writing
 from ..scene.stored_pair import stored_pair
 from ..storage import stored_match
 from .constraints import check_options
@@ -110,7 +110,7 @@ def wrap(
         TypeError: an option of the match is unknown.
     """
     use = MatchUse(force=force)
-    return run(prepare_wrap(context, source.name, target.name, wrapping or Wrapping(), use, **match_options))()
+    return run(prepare_wrap(context, name_of(source), name_of(target), wrapping or Wrapping(), use, **match_options))()
 
 
 async def prepare_wrap(
@@ -163,7 +163,7 @@ async def prepare_wrap(
 
 
 def check_one_target(wrapping: Wrapping, targets: Collection[str]) -> None:
-    """Raise a MeshError if the source is to be wrapped onto several targets."""
+    """Raise a MeshError if there are several targets to wrap the source onto."""
     if wrapping.reverse and len(targets) > 1:
         raise zo.MeshError("The source can be wrapped onto only one target at a time: select a single target.")
 

@@ -21,7 +21,7 @@ import numpy as np
 from bpy.types import Mesh
 
 import zoomout_core as zo
-from zoomout_core.arrays import Booleans
+from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.maps.surface_map import fault_of_map
 from zoomout_core.matching.report.verdict import LEVELS, LOW_CONFIDENCE
 from zoomout_core.messages import to_json
@@ -66,7 +66,7 @@ class StoredMatch:
         settings: arguments of `match_objects` for it, as far as known.
         others: names of further sources that the target maps to.
         has_partner: (n_t,) whether each vertex has a partner on the source; None if that is not known.
-        source_has_partner: (n_s,) likewise for the source's vertices.
+        source_has_partner: (n_s,) the same for the source's vertices.
         without_partner: the fractions of the target's and of the source's area without a partner, in [0, 1].
         verdict: whether to use the match; None if that is not known.
         torn: (n_t,) vertices at which the match is torn; None if that is not known.
@@ -85,6 +85,28 @@ class StoredMatch:
 
 
 Match: TypeAlias = zo.MatchResult | zo.ProximityMatch | StoredMatch
+
+
+def along(match: Match, surface_map: zo.SurfaceMap, confidence: Floats) -> StoredMatch:
+    """A match with another map and confidence (n_t,) in place of its own."""
+    of_source, torn, verdict = _judgements(match)
+    return StoredMatch(
+        surface_map,
+        confidence,
+        match.notes,
+        has_partner=match.has_partner,
+        source_has_partner=of_source,
+        without_partner=without_partner(match),
+        verdict=verdict,
+        torn=torn,
+    )
+
+
+def _judgements(match: Match) -> tuple[Booleans | None, Booleans | None, zo.Verdict | None]:
+    """(n_s,) which vertices of the source have a partner, (n_t,) which are torn, and the verdict; None if not known."""
+    if isinstance(match, zo.ProximityMatch):
+        return None, None, None
+    return match.source_has_partner, match.torn, match.verdict
 
 
 def write(mesh: Mesh, match: Match, pair: ObjectPair, settings: Mapping[str, Any]) -> None:
@@ -119,11 +141,7 @@ def _write_layers(mesh: Mesh, match: Match) -> None:
 def _describe_match(mesh: Mesh, match: Match, pair: ObjectPair, settings: Mapping[str, Any]) -> dict[str, Any]:
     """The description of a match whose attributes are on a mesh, with the `ENTRIES`."""
     (source, *further), target = pair.source_fingerprints, pair.target_fingerprint
-    of_source, torn, verdict = (
-        (None, None, None)
-        if isinstance(match, zo.ProximityMatch)
-        else (match.source_has_partner, match.torn, match.verdict)
-    )
+    of_source, torn, verdict = _judgements(match)
     return {
         "source": source.name,
         "source_fingerprint": source.digest,
@@ -168,16 +186,16 @@ def read(mesh: Mesh, pair: ObjectPair) -> StoredMatch | None:
     # They are stored in single precision: rescale them to a sum of one.
     barycentric = barycentric.astype(np.float64) / barycentric.sum(axis=1, dtype=np.float64, keepdims=True)
     return StoredMatch(
-        zo.SurfaceMap(triangle.astype(np.int64), barycentric, pair.source.triangles),
-        confidence.astype(np.float64),
-        tuple(stored["notes"]),
-        stored.get("settings") or {},
-        pair.source_names[1:],
-        read_layer(mesh, HAS_PARTNER).attribute.values if HAS_PARTNER in mesh.attributes else None,
-        unpack_mask(stored.get("source_has_partner"), len(pair.source.vertices)),
-        stored.get("without_partner"),
-        verdict_of(stored),
-        unpack_mask(stored.get("torn"), len(confidence)),
+        surface_map=zo.SurfaceMap(triangle.astype(np.int64), barycentric, pair.source.triangles),
+        confidence=confidence.astype(np.float64),
+        notes=tuple(stored["notes"]),
+        settings=stored.get("settings") or {},
+        others=pair.source_names[1:],
+        has_partner=read_layer(mesh, HAS_PARTNER).attribute.values if HAS_PARTNER in mesh.attributes else None,
+        source_has_partner=unpack_mask(stored.get("source_has_partner"), len(pair.source.vertices)),
+        without_partner=stored.get("without_partner"),
+        verdict=verdict_of(stored),
+        torn=unpack_mask(stored.get("torn"), len(confidence)),
     )
 
 
@@ -212,7 +230,7 @@ def verdict_of(stored: Mapping[str, Any]) -> zo.Verdict | None:
 
 def pack_verdict(match: Match) -> dict[str, str] | None:
     """The verdict on a match for reports, see `verdict_of`; None if it is not known, such as for nearest points."""
-    verdict = None if isinstance(match, zo.ProximityMatch) else match.verdict
+    _, _, verdict = _judgements(match)
     return None if verdict is None else verdict._asdict()
 
 

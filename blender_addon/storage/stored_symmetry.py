@@ -177,7 +177,7 @@ def thumbnails(stored: dict[str, Any]) -> list[tuple[str, Floats, Bytes]]:
 
 
 def chosen_attributes(mesh: Mesh) -> list[str]:
-    """The names of the attributes that store the chosen symmetry; none without one."""
+    """The names of the attributes that store the chosen symmetry; empty if there is none."""
     stored = description(mesh)
     return [] if stored is None else [_name(stored["chosen"], part) for part in PARTS]
 

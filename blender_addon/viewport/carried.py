@@ -2,7 +2,7 @@
 """Colours of overlays on evaluated meshes with other vertices, such as subdivided or mirrored ones.
 
 The modifiers themselves compute them on a copy, which is impossible while Blender draws the views. So they are
-requested then, computed when Blender is idle, and cached as long as the object has the same modifiers.
+requested then, computed when Blender is idle, and cached until the object's modifiers change.
 """
 
 from __future__ import annotations

@@ -83,7 +83,7 @@ def compute_color_by_correspondence(
         An empty dictionary.
 
     Raises:
-        MeshError: a mesh is missing or no surface, or there is no such correspondence.
+        MeshError: a mesh is missing or has no faces, or there is no such correspondence.
     """
     source = read_layer(ms, sourcemesh)
     read_layer(ms, targetmesh)

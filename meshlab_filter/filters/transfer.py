@@ -91,20 +91,12 @@ def transfer_attributes_by_zoomout(
         "face_scalar": qualitytransfer,
         "vertex_selection": selectiontransfer,
         "face_selection": selectiontransfer,
+        NORMAL: normaltransfer,
     }
     source = read_layer(ms, sourcemesh, _check_custom_names(ms, sourcemesh, customattributes))
     target = read_layer(ms, targetmesh, custom_names(ms, targetmesh))
     missing = [] if TEXCOORD in source.components or not texcoordtransfer else [TEXCOORD]
-    source = replace(source, components={name: a for name, a in source.components.items() if wanted[name]})
-    if selectiontransfer:  # an empty selection is transferred as one
-        source = replace(source, components=_selections(source) | source.components)
-    if normaltransfer:
-        source = replace(source, components={**source.components, NORMAL: _normals(source)})
-    if not source.components and not source.custom:
-        raise zo.MeshError(
-            f"Layer '{source.label}' has none of the attributes to transfer: check which mesh is the source, or "
-            "choose others."
-        )
+    source = _select_components(source, wanted)
     check_target(target)
     source, homeless = _supported_layer(target, source)
 
@@ -122,6 +114,25 @@ def transfer_attributes_by_zoomout(
         "transferred": [attribute.name for attribute in received],
         "notes": [*report["notes"], *notes, *_notes(target, new)],
     }
+
+
+def _select_components(source: Layer, wanted: dict[str, bool]) -> Layer:
+    """The source with its wanted components, by their names.
+
+    Raises:
+        MeshError: it has none of them, and no custom attributes.
+    """
+    components = {name: a for name, a in source.components.items() if wanted[name]}
+    if wanted["vertex_selection"]:  # an empty selection is transferred as one
+        components = _selections(source) | components
+    if wanted[NORMAL]:
+        components[NORMAL] = _normals(source)
+    if not components and not source.custom:
+        raise zo.MeshError(
+            f"Layer '{source.label}' has none of the attributes to transfer: check which mesh is the source, or "
+            "choose others."
+        )
+    return replace(source, components=components)
 
 
 def _supported_layer(target: Layer, source: Layer) -> tuple[Layer, list[str]]:

@@ -149,6 +149,87 @@ def test_odd_target_is_matched_or_refused_in_a_sentence(name: str) -> None:
         np.testing.assert_allclose(weights, 1, atol=1e-3)
 
 
+# Calls of a script with wrong arguments, and what is said.
+CALLS: dict[str, tuple[Callable[[Object, Object], object], str]] = {
+    "no object": (lambda source, _: api.match_objects(bpy.context, source, None), "None is not an object: give one"),
+    "a name": (lambda _, target: api.wrap(bpy.context, "Source", target), "'Source' is not an object: give one"),
+    "a mesh": (lambda source, _: api.bake_textures(bpy.context, source.data), "is not an object: give one"),
+    "no armature": (lambda *pair: api.move_armature(bpy.context, None, *pair), "None is not an object: give one"),
+    "data in words": (lambda *pair: api.transfer_objects(bpy.context, *pair, "uv_maps"), "give a list of kinds"),
+    "an unknown detail": (lambda *pair: api.match_objects(bpy.context, *pair, detail="huge"), "detail is 'huge'"),
+    "a size in words": (lambda *pair: api.match_objects(bpy.context, *pair, k_final="large"), "k_final is 'large'"),
+    "an unknown side": (lambda source, _: api.detect_symmetry(bpy.context, source, left="Q"), "left is 'Q'"),
+    "half a vertex": (lambda source, _: api.set_landmark(bpy.context, source, 1, 1.5), "not a mesh with a vertex 1.5"),
+    "landmark 0": (lambda source, _: api.set_landmark(bpy.context, source, 0, 1), "number is 0"),
+    "a landmark on nothing": (lambda *_: api.set_landmark(bpy.context, None, 1, 1), "None is not an object"),
+    "no levels": (lambda source, _: api.make_levels(bpy.context, source, api.LevelChoice(())), "No levels are given"),
+}
+
+
+@pytest.mark.parametrize("name", CALLS)
+def test_wrong_arguments_of_scripts_raise_one_sentence(name: str) -> None:
+    call, said = CALLS[name]
+    with pytest.raises((TypeError, ValueError), match=rf"{said}[^\n]*\.$"):
+        call(body("Source", 0), body("Target", 1))
+
+
+def test_removed_object_is_named() -> None:
+    source, target = body("Source", 0), body("Target", 1)
+    bpy.data.objects.remove(target)
+    with pytest.raises(zo.MeshError, match="was removed from the file: find it"):
+        api.transfer_objects(bpy.context, source, target)
+
+
+def test_scale_set_by_a_script_is_seen_by_bind_to_rig() -> None:
+    source, target = body("Source", 0), body("Target", 0)
+    rig = bpy.data.objects.new("Rig", bpy.data.armatures.new("Rig"))
+    bpy.context.scene.collection.objects.link(rig)
+    bpy.context.view_layer.objects.active = rig
+    bpy.ops.object.mode_set(mode="EDIT")
+    rig.data.edit_bones.new("Bone").tail = 0, 0, 1
+    bpy.ops.object.mode_set(mode="OBJECT")
+    source.vertex_groups.new(name="Bone").add(range(200), 1.0, "REPLACE")
+    source.modifiers.new("Armature", "ARMATURE").object = source.parent = rig
+    rig.scale = -1, 2, 1
+    api.bind_to_rig(bpy.context, source, target, **NEAREST)
+    assert target.parent == rig
+
+
+def locked_group(source: Object, target: Object) -> None:
+    source.vertex_groups.new(name="Bone").add(range(200), 1.0, "REPLACE")
+    target.vertex_groups.new(name="Bone").lock_weight = True
+
+
+def absolute_keys(source: Object, _: Object) -> None:
+    source.shape_key_add(name="Basis")
+    source.shape_key_add(name="Up")
+    source.data.shape_keys.use_relative = False
+
+
+@pytest.mark.parametrize(
+    ("change", "data", "said"),
+    [
+        (locked_group, "vertex_groups", "Bone: skipped, the target's vertex group is locked."),
+        (absolute_keys, "shape_keys", "those of 'Source' are absolute: turn on Relative in its shape keys."),
+    ],
+)
+def test_reasons_are_given_if_all_data_is_skipped(
+    change: Callable[[Object, Object], None], data: str, said: str
+) -> None:
+    source, target = body("Source", 0), body("Target", 0)
+    change(source, target)
+    with pytest.raises(zo.MeshError, match=f"None of the data can be transferred. .*{said}$"):
+        api.transfer_objects(bpy.context, source, target, [data], **NEAREST)
+
+
+def test_modifiers_that_leave_no_faces_are_named() -> None:
+    source, target = body("Source", 0), body("Target", 0)
+    source.vertex_groups.new(name="Bone")
+    masked_away(source)
+    with pytest.raises(zo.MeshError, match=r"'Source' cannot be used. Its modifiers leave no faces: turn them off"):
+        api.transfer_objects(bpy.context, source, target, ["vertex_groups"], **NEAREST)
+
+
 def flat_source(obj: Object) -> None:
     obj.scale = 1, 1, 0
     obj.data.normals_split_custom_set(np.tile([0.6, 0, 0.8], (len(obj.data.loops), 1)).tolist())
@@ -156,7 +237,7 @@ def flat_source(obj: Object) -> None:
 
 # Changes to the source, the data to transfer, and the error; without one, the name of what is written.
 SOURCES: dict[str, tuple[Callable[[Object], object], str, str, str]] = {
-    "custom normals on a flat object": (flat_source, "custom_normals", "none of the data to transfer", ""),
+    "custom normals on a flat object": (flat_source, "custom_normals", "custom normals: skipped", ""),
     "weights that are not numbers": (
         lambda obj: obj.vertex_groups.new(name="Bone").add(range(200), float("nan"), "REPLACE"),
         "vertex_groups",

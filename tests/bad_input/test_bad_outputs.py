@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from interfaces import Limit, assert_refused, contents, run
+from interfaces import Limit, add_colors, assert_refused, contents, run
 
 from zoomout_core.cli import main as zoomout
 from zoomout_core.runtime.outputs import ABANDONED, OutputError, atomic_write, atomic_write_together, check_output
@@ -146,3 +146,32 @@ def test_a_name_that_no_file_can_have_is_refused(name: str, fault: str, tmp_path
         check_output(tmp_path / name)
     with pytest.raises(OutputError, match=fault), atomic_write(tmp_path / name):
         pass
+
+
+@pytest.mark.parametrize("output", ["a_file", "/dev/null"])
+def test_file_in_place_of_an_output_folder_is_refused_before_match(
+    output: str, meshes: tuple[Path, Path], tmp_path: Path
+) -> None:
+    add_colors(meshes[0])
+    (tmp_path / "a_file").touch()
+    assert_refused(run(zoomout, "transfer", *meshes, "-o", tmp_path / output), "is a file: give a folder, or")
+
+
+def test_too_long_name_of_an_output_is_one_sentence(meshes: tuple[Path, Path], tmp_path: Path) -> None:
+    add_colors(meshes[0])
+    assert_refused(run(zoomout, "transfer", *meshes, "-o", tmp_path / f"{'x' * 300}.glb"), "is too long for a file")
+
+
+def test_full_disk_in_a_trial_is_not_a_fault_of_the_file(
+    meshes: tuple[Path, Path], tmp_path: Path, size_limit: Limit
+) -> None:
+    add_colors(meshes[0])
+    with size_limit(1000):
+        ran = run(zoomout, "transfer", *meshes, "-o", tmp_path / "out.glb")
+    assert_refused(ran, "check disk space and permissions, or choose another place")
+    assert "correct the file" not in ran.output
+
+
+def test_file_in_place_of_a_folder_of_levels_is_refused(meshes: tuple[Path, Path], tmp_path: Path) -> None:
+    (tmp_path / "a_file").touch()
+    assert_refused(run(zoomout, "lods", meshes[0], "-o", tmp_path / "a_file"), "is a file: give a folder, or")

@@ -124,8 +124,53 @@ WRONG: dict[str, Callable[[], object]] = {
     "a surface as an asset": lambda: zo.write_asset(SURFACE, "a.glb"),  # type: ignore[arg-type]
     "a word as kinds": lambda: zo.transfer_asset(zo.Asset(SURFACE), zo.Asset(SURFACE), SAME, kinds="uv"),
     "nothing as kinds": lambda: zo.transfer_asset(zo.Asset(SURFACE), zo.Asset(SURFACE), SAME, kinds=None),  # type: ignore[arg-type]
+    "masked labels": lambda: moved(np.ma.masked_less(np.arange(100), 3), zo.Kind.LABEL),
+    "masked text": lambda: moved(np.ma.array(["a"] * 100, mask=np.eye(100)[0]), zo.Kind.LABEL),
+    "masked faces": lambda: zo.Surface(SURFACE.vertices, np.ma.masked_equal(SURFACE.triangles, 5)),
+    "masked vertices of faces": lambda: zo.Surface(np.ma.masked_greater(SURFACE.vertices, 0), SURFACE.triangles),
+    "dates as positions": lambda: zo.Surface(SURFACE.vertices.astype("datetime64[s]"), SURFACE.triangles),
+    "an extent too small for areas": lambda: zo.Surface(1e-100 * SURFACE.vertices, SURFACE.triangles),
+    "words to interpolate": lambda: SAME.interpolate(np.array(["a"] * 100)),
+    "a sparse matrix to interpolate": lambda: SAME.interpolate(csr_array(np.eye(100))),
+    "fewer labels than columns": lambda: zo.transfer(
+        zo.Attribute("it", zo.Domain.POINT, zo.Kind.WEIGHT, csr_array(np.ones((100, 2))), labels=("one",)),
+        SAME,
+        SURFACE,
+        SURFACE,
+    ),
+    "a radius in words": lambda: zo.shot(SURFACE, "wide"),  # type: ignore[arg-type]
+    "errors of fractions": lambda: zo.geodesic_error(np.full(100, 0.5), SURFACE, np.arange(100), np.arange(100)),
+    "smoothness in words": lambda: zo.wrap(SAME, SURFACE, SURFACE, smoothness="high"),  # type: ignore[arg-type]
+    "a mask in words": lambda: zo.wrap(SAME, SURFACE, SURFACE, mask="all"),
+    "a number as clothes": lambda: zo.dress(SAME, SURFACE, SURFACE, [3]),  # type: ignore[list-item]
+    "clothes without a list": lambda: zo.dress(SAME, SURFACE, SURFACE, SURFACE),  # type: ignore[arg-type]
+    "keys in words": lambda: zo.follow_keys(SURFACE, "smile", [SURFACE]),
+    "joints in a plane": lambda: zo.move_joints(SURFACE, SURFACE.vertices, np.zeros((2, 2))),
+    "joints in words": lambda: zo.move_joints(SURFACE, SURFACE.vertices, "knee"),
+    "moved vertices in words": lambda: zo.move_joints(SURFACE, "up", np.zeros((1, 3))),
+    "no bases": lambda: zo.consistent_zoomout([], {}),
+    "numbers as bases of many": lambda: zo.consistent_zoomout([BASIS, 3], {}),  # type: ignore[list-item]
+    "one name of a key": lambda: zo.translate_key_names("jawOpen", "arkit"),
+    "numbers as names of keys": lambda: zo.recognise_key_names([1, 2]),  # type: ignore[list-item]
+    "no names of keys": lambda: zo.missing_key_names(None, "arkit"),  # type: ignore[arg-type]
     "a cloud of faces": lambda: zo.match(SURFACE, ([0, 1, 2], SURFACE.vertices)),
 }
+
+
+def test_too_small_extent_is_named() -> None:
+    with pytest.raises(MeshError, match=r"extent of only [0-9]e-100: scale it up"):
+        zo.Surface(1e-100 * SURFACE.vertices, SURFACE.triangles)
+
+
+def test_masked_vertices_of_no_face_are_accepted() -> None:
+    vertices = np.ma.masked_greater(np.vstack([SURFACE.vertices, np.full(3, 99.0)]), 9)
+    assert zo.Surface(vertices, SURFACE.triangles).area == SURFACE.area
+
+
+def test_masked_numbers_are_filled_in_and_counted() -> None:
+    moved_on = moved(np.ma.masked_less(np.arange(100.0), 3), zo.Kind.SCALAR)
+    assert moved_on.values.min() >= 3
+    assert "3 of 100 values of 'it' are not finite" in moved_on.notes[0]
 
 
 @pytest.mark.parametrize("name", WRONG)

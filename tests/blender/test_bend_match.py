@@ -12,7 +12,7 @@ import zoomout_core as zo
 from blender_addon import jobs
 from blender_addon.scene.landmarks import landmark_pairs
 from blender_addon.scene.pair import read_pair
-from blender_addon.services.matching.bend_match import bend_match
+from blender_addon.services.matching.bend_match import bend_match_async
 from blender_addon.services.preflight import find_outdated
 from blender_addon.storage import stored_match
 
@@ -51,8 +51,8 @@ def test_bending_flips_nothing_and_updates_the_match(source, marked):
     pair = jobs.run(read_pair(bpy.context, "Source", "Target"))
     stored_match.write(marked.data, stored_match.read(marked.data, pair), pair, {stored_match.LANDMARKS: "other"})
     assert find_outdated(bpy.context, marked)
-    said = bend_match(bpy.context, marked)
-    bend_match(bpy.context, marked)
+    said = jobs.run(bend_match_async(bpy.context, marked.name))
+    jobs.run(bend_match_async(bpy.context, marked.name))
     assert said.startswith("Bent the match of 'Target' to 1 landmark, which it missed by up to ")
     assert find_outdated(bpy.context, marked) == []
     bent = stored_match.read(marked.data, pair)
@@ -64,7 +64,7 @@ def test_distant_landmark_is_met_without_flipping(source, target):
     keep_true_match(target)
     add(source, 1, -0.55, 0.45, 0.3)
     add(target, 1, -0.2, 0.6, 0.3)
-    bend_match(bpy.context, target)
+    jobs.run(bend_match_async(bpy.context, target.name))
     pair = jobs.run(read_pair(bpy.context, "Source", "Target"))
     bent = stored_match.read(target.data, pair).surface_map
     assert zo.evaluation.flipped_share(bent, pair.source, pair.target) == 0
@@ -75,10 +75,10 @@ def test_bending_without_a_usable_landmark_changes_nothing(source, target):
     before = values(target.data, "zoomout_triangle").copy()
     add(target, 1, *HERE)
     with pytest.raises(zo.MeshError, match="have no landmark in common: place one on both"):
-        bend_match(bpy.context, target)
+        jobs.run(bend_match_async(bpy.context, target.name))
     add(source, 1, 0, -0.7, 0)
     with pytest.raises(zo.MeshError, match="too far from landmark 1 to be bent to it: match again"):
-        bend_match(bpy.context, target)
+        jobs.run(bend_match_async(bpy.context, target.name))
     np.testing.assert_array_equal(values(target.data, "zoomout_triangle"), before)
     activate(source)
     with pytest.raises(RuntimeError, match="Match this mesh first"):

@@ -29,7 +29,7 @@ from true_match import keep_true_match
 import zoomout_core as zo
 from blender_addon import api, cli, jobs
 from blender_addon.scene.pair import read_pair
-from blender_addon.services.transfer import summary
+from blender_addon.services.transfer_report import summary
 from blender_addon.storage import stored_match
 from zoomout_core.geometry.closest_points import closest_points
 
@@ -277,6 +277,25 @@ def test_match_is_valid_after_binding():
     report = api.transfer_objects(bpy.context, source, target, ["vertex_groups"])
     assert report["bound"] is None
     assert not any("match again" in note for note in report["notes"])
+
+
+def test_data_of_a_bound_target_follows_the_match_that_the_bones_correct():
+    source, armature = fine_source_and_rig()
+    target, at_rest = fine_pose_target(source, armature)
+    keep_true_match(target, at_rest + np.array([0, 0, 0.12]))
+    source.data.attributes.new("Height", "FLOAT", "POINT").data.foreach_set("value", visible_positions(source)[:, 2])
+
+    def error():
+        heights = np.empty(len(at_rest), np.float32)
+        target.data.attributes["Height"].data.foreach_get("value", heights)
+        return np.median(np.abs(heights - at_rest[:, 2]))
+
+    api.transfer_objects(bpy.context, source, target, ["attributes"])
+    before = error()
+    api.transfer_objects(bpy.context, source, target, ["attributes"], binding=api.Binding())
+    assert error() < 0.7 * before
+    api.transfer_objects(bpy.context, source, target, ["attributes"])  # along the match as it is stored then
+    assert error() < 0.7 * before
 
 
 def test_weights_are_limited_and_sum_to_one():

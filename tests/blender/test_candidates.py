@@ -15,7 +15,7 @@ from blender_addon.scene.pair import read_pair
 from blender_addon.services.matching import candidates
 from blender_addon.services.matching.match import match_objects
 from blender_addon.services.matching.seam_cut import cut_seams
-from blender_addon.services.matching.use_candidate import use_candidate
+from blender_addon.services.matching.use_candidate import use_candidate_async
 from blender_addon.services.transfer import transfer_objects
 from blender_addon.storage import stored_candidates, stored_match
 from blender_addon.ui import thumbnails
@@ -106,9 +106,9 @@ def test_unlikely_candidates_are_hidden_except_first_and_mirrored(source, target
 def test_computed_candidates_are_reused(source, target, monkeypatch):
     match_objects(bpy.context, source, target, k_final=60)
     first = target.data[stored_match.PROPERTY], values(target.data, "zoomout_triangle").tolist()
-    use_candidate(bpy.context, target, 1)
+    jobs.run(use_candidate_async(bpy.context, target.name, 1))
     monkeypatch.setattr(zo.MatchResult, "use", None)
-    use_candidate(bpy.context, target, 0)
+    jobs.run(use_candidate_async(bpy.context, target.name, 0))
     assert values(target.data, "zoomout_triangle").tolist() == first[1]
 
 

@@ -9,11 +9,11 @@ from character import POSE, character
 from scenes import activate, link, positions, visible_positions
 from scipy.spatial import cKDTree
 
-from blender_addon import mesh_data
+from blender_addon import jobs, mesh_data
 from blender_addon.adapters import Binding
 from blender_addon.services.matching.half_match import HalfResult
 from blender_addon.services.matching.match import match_objects
-from blender_addon.services.matching.use_candidate import use_candidate
+from blender_addon.services.matching.use_candidate import use_candidate_async
 from blender_addon.services.transfer import bind_to_rig
 from blender_addon.storage import stored_candidates, stored_match
 
@@ -59,7 +59,7 @@ def test_half_is_matched_as_the_whole_and_keeps_its_part():
     listing = stored_candidates.read(half.data)
     assert listing.vertices.max() < count
     other = next(place for place in range(len(listing.candidates)) if place != listing.chosen)
-    assert len(use_candidate(bpy.context, half, other).confidence) == count
+    assert len(jobs.run(use_candidate_async(bpy.context, half.name, other)).confidence) == count
 
 
 def test_bones_of_both_sides_pose_a_bound_half():

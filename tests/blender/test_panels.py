@@ -15,12 +15,13 @@ import pytest
 from drawing import Context, Layout
 from scenes import activate, add_attribute, add_uv_map, ellipsoid, link, new_material, set_weights
 
+from blender_addon import jobs
 from blender_addon.api import set_landmark
 from blender_addon.mesh_data import Role, read_layers
 from blender_addon.operators.base import activity
 from blender_addon.scene import mesh_facts
 from blender_addon.services.matching.match import match_objects
-from blender_addon.services.matching.use_candidate import use_candidate
+from blender_addon.services.matching.use_candidate import use_candidate_async
 from blender_addon.services.transfer import transfer_objects
 from blender_addon.storage import stored_candidates, stored_match, stored_report, stored_symmetry
 from blender_addon.storage.stored_report import transfer_report
@@ -173,7 +174,8 @@ def test_candidates_are_named_and_a_mirror_image_has_no_check_mark(source, targe
     assert "Matched with" not in texts()  # the row of the source says it
     assert ("mark", "CHECKMARK", True) in drawn()
     listing = stored_candidates.read(target.data)
-    use_candidate(bpy.context, target, next(i for i, one in enumerate(listing.candidates) if one.mirrored))
+    mirrored = next(i for i, one in enumerate(listing.candidates) if one.mirrored)
+    jobs.run(use_candidate_async(bpy.context, target.name, mirrored))
     assert {"Most Likely", "Mirror Image"} <= buttons().keys()
     elements = [(kind, text) for kind, text, _ in drawn()]
     assert elements[elements.index(("operator", "Mirror Image")) + 1] != ("label", "")  # no empty line below it
@@ -351,7 +353,7 @@ def test_changed_landmarks_or_source_are_shown_after_a_match(source, target, ope
     assert buttons()["Transfer"]  # the match holds all the same
     match_objects(bpy.context, source, target, k_final=30)
     assert not changed()
-    use_candidate(bpy.context, target, 1)  # of the same match
+    jobs.run(use_candidate_async(bpy.context, target.name, 1))  # of the same match
     assert not changed()
     set_landmark(bpy.context, target, number=2, vertex=41)
     assert changed()

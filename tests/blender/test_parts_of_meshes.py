@@ -36,6 +36,7 @@ from zoomout_core.colors import LONELY, MET, confidence_colors
 from zoomout_core.matching.attempt import ATTEMPTS
 from zoomout_core.matching.partial.part_candidates import PART_CANDIDATES
 from zoomout_core.matching.partial.part_match import PART_MATCH
+from zoomout_core.matching.ranking.certainty import PART_CERTAINTY
 from zoomout_core.tuning import retune
 
 
@@ -131,7 +132,8 @@ def test_partial_match_reports_missing_areas_consistently():
     activate(target, source)
     with (
         retune(ATTEMPTS, same_share=1.0),
-        retune(PART_MATCH, uncertain=1.0, misfit=-50.0, another_map=2.0),
+        retune(PART_MATCH, uncertain=1.0),
+        retune(PART_CERTAINTY, misfit=-50.0, another_map=2.0),
         retune(PART_CANDIDATES, landmarks=7, regions=0, registered=4),
     ):
         result = match_objects(bpy.context, source, target, k_final=60, samples=400)

@@ -14,7 +14,7 @@ from blender_addon.scene import mesh_facts
 from blender_addon.scene.pair import read_pair
 from blender_addon.services.matching import previews
 from blender_addon.services.matching.match import match_objects
-from blender_addon.services.matching.use_candidate import use_candidate, use_candidate_async
+from blender_addon.services.matching.use_candidate import use_candidate_async
 from blender_addon.storage import stored_match
 from blender_addon.viewport import overlay, preview
 from zoomout_core.colors import confidence_colors, place_colors
@@ -149,7 +149,7 @@ def test_new_matches_and_candidates_update_the_preview(source, target):
     around = jobs.run(read_pair(bpy.context, "Source", "Target")).source.vertices
     colors = place_colors(around, around)
     np.testing.assert_allclose(shown()["Target"], result.surface_map.interpolate(colors))
-    other = use_candidate(bpy.context, target, 1)
+    other = jobs.run(use_candidate_async(bpy.context, target.name, 1))
     np.testing.assert_allclose(shown()["Target"], other.surface_map.interpolate(colors))
     assert np.abs(other.surface_map.interpolate(colors) - result.surface_map.interpolate(colors)).max() > 0.3
 
@@ -265,7 +265,7 @@ def test_undo_and_redo_update_the_preview(source, target):
     match_objects(bpy.context, source, target, k_final=40)
     bpy.ops.ed.undo_push(message="Matched")
     before = shown()["Target"]
-    use_candidate(bpy.context, target, 1)
+    jobs.run(use_candidate_async(bpy.context, target.name, 1))
     bpy.ops.ed.undo_push(message="Candidate")
     other = shown()["Target"]
     bpy.ops.ed.undo()

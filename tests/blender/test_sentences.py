@@ -18,7 +18,7 @@ import zoomout_core as zo
 from blender_addon import translations
 from blender_addon.mesh_data.attributes.marks import SEAMS
 from blender_addon.operators.base import activity, modal_operator
-from blender_addon.services import targets, transfer
+from blender_addon.services import targets, transfer_report
 from blender_addon.services.symmetry import detect
 from blender_addon.storage import stored_match, stored_report
 from blender_addon.translations import in_language
@@ -52,11 +52,11 @@ COMPOSED = {
         "Nähte: 3 Kanten der Quelle gehören zu keiner Fläche und wurden ausgelassen."
     ),
     detect.summary({"name": "Reflection", "certainty": 0.95}): "Spiegelung, 95%",
-    transfer.summary(REPORT): (
+    transfer_report.summary(REPORT): (
         "1 Form, 1 Art von Kantenmarkierung übertragen, von 'A' und 1 weiteren auf 'B'; 2 ausgelassen; "
         "3 von 9 Vertices sind zweifelhaft"
     ),
-    transfer.done([REPORT | {"bound": {"armature": "Rig", "shape": "rest_pose"}}], hidden=True): (
+    transfer_report.summarise_targets([REPORT | {"bound": {"armature": "Rig", "shape": "rest_pose"}}], hidden=True): (
         "'B' ist an 'Rig' gebunden, in der Ruheposition am Ort der Quelle; die Quelle ist ausgeblendet"
     ),
     sentences(NOT_A_MESH, "Make a mesh active.", "Unknown words follow."): (
@@ -185,10 +185,10 @@ def test_stored_messages_are_shown_in_the_users_language(target: bpy.types.Objec
     assert bpy.ops.zoomout.match(initial="NEAREST") == {"FINISHED"}
     assert bpy.ops.zoomout.transfer(shape=True) == {"FINISHED"}
     report = stored_report.transfer_report(target)
-    notes = [*stored_match.description(target.data)["notes"], *report["notes"], transfer.summary(report)]
-    assert transfer.summary(report).startswith("Transferred 1 attribute, 1 shape from 'Source'")
+    notes = [*stored_match.description(target.data)["notes"], *report["notes"], transfer_report.summary(report)]
+    assert transfer_report.summary(report).startswith("Transferred 1 attribute, 1 shape from 'Source'")
     german = "1 Attribut, 1 Form übertragen, von 'Source' auf 'Target'; 0 von"
-    assert in_language(transfer.summary(report), "de").startswith(german)
+    assert in_language(transfer_report.summary(report), "de").startswith(german)
     assert all(in_language(note, "de") != note for note in notes)
 
 

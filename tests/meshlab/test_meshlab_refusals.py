@@ -254,3 +254,10 @@ def test_candidate_parameter_selects_another_correspondence(pair):
     second = meshlab_filter.compute_correspondence_by_zoomout(pair, detail="fast", candidate=1, name="second")
     assert best["candidates"][0]["total"] == second["candidates"][0]["total"]
     assert np.mean(best["triangle"] != second["triangle"]) > 0.5
+
+
+@pytest.mark.parametrize("given", [None, 3, zo], ids=str)
+@pytest.mark.parametrize("name", ["compute_symmetry_by_zoomout", "meshing_remove_duplicate_faces"])
+def test_something_else_than_a_mesh_set_is_refused(name, given):
+    with pytest.raises(TypeError, match=r"^The meshes are a \w+: give a pymeshlab.MeshSet\.$"):
+        apply_filter(given, name)

@@ -7,6 +7,7 @@ import os
 import re
 from collections.abc import Iterable
 from contextlib import suppress
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -25,7 +26,9 @@ from zoomout_core.mesh.formats.named_files import named_files
 from zoomout_core.mesh.formats.opening import existing, explain_damage
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.surface import MeshError
-from zoomout_core.runtime.outputs import atomic_write_together, is_same_file, replaces_input
+from zoomout_core.runtime.outputs import OutputError, atomic_write_together, is_same_file, replaces_input
+from zoomout_core.transfer.attribute import element_count
+from zoomout_core.transfer.finite import with_finite_values
 
 READERS = {".glb": read_gltf, ".gltf": read_gltf, ".obj": read_obj, ".ply": read_ply, ".vrm": read_gltf}
 WRITERS = {".glb": write_gltf, ".gltf": write_gltf, ".obj": write_obj, ".ply": write_ply, ".vrm": write_gltf}
@@ -98,6 +101,8 @@ def check_writable(asset: Asset, path: str | PathLike[str], ending: str) -> None
     with TemporaryDirectory(prefix="zoomout-") as folder:
         try:
             write_asset(asset, Path(folder) / f"trial{'.glb' if ending.lower() == AVATAR else ending}")
+        except OutputError:  # the disk is full, which is not the fault of the file
+            raise
         except Exception as error:  # broken documents are noticed in various ways
             reason = " ".join(f"{error}".rstrip(".").split()) or type(error).__name__
             raise MeshError(
@@ -139,10 +144,11 @@ def write_asset(
         compression: "draco" or "meshopt", for glTF, see `compress_gltf`.
 
     Raises:
-        MeshError: files with this extension cannot be written or compressed, or a .vrm file would not be an avatar.
+        MeshError: files with this extension cannot be written or compressed, a .vrm file would not be an avatar, or an
+            attribute does not have one value for each element.
         ImportError: a package that writes or compresses this format is not installed.
         OutputError: it cannot be written, or would replace an input; all earlier files are unchanged.
-        TypeError: it is no Asset.
+        TypeError: it is not an Asset.
 
     Example:
         >>> zo.write_asset(zo.Asset(source), folder / "creature.ply")  # notes on data that the format cannot store
@@ -153,11 +159,27 @@ def write_asset(
     check_format(path)
     check_avatar(asset, path)
     check_compression(path, compression)
+    whole = _with_finite_values(asset)
     with atomic_write_together(path, inputs) as place:
-        notes = WRITERS[place.suffix.lower()](asset, place)
+        notes = WRITERS[place.suffix.lower()](whole, place)
         if compression is not None:
             compress_gltf(place, compression)
-        return notes
+    known = {note for each in asset.attributes for note in each.notes}
+    filled = tuple(note for each in whole.attributes for note in each.notes if note not in known)
+    return (*filled, *notes)
+
+
+def _with_finite_values(asset: Asset) -> Asset:
+    """The asset without NaN and infinite values, which glTF forbids.
+
+    Raises:
+        MeshError: an attribute does not have one value for each element, or no finite values.
+    """
+    for each in asset.attributes:
+        count, unit = element_count(each.domain, asset.surface), each.domain.name.lower()
+        if len(each.values) != count:
+            raise MeshError(f"'{each.name}' has {len(each.values)} values for {count} {unit}s: give one for each.")
+    return replace(asset, attributes=tuple(with_finite_values(each, asset.surface) for each in asset.attributes))
 
 
 def inputs_of(*paths: str | PathLike[str], folders: Iterable[str | PathLike[str]] = ()) -> list[Path]:

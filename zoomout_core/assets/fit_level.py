@@ -133,7 +133,7 @@ def fit_weights(
     products = segment_sum(squares, triangle, len(triangles)).reshape(-1, 3, 3)
     mass = bsr_array((products, np.arange(len(triangles)), np.arange(len(triangles) + 1)))
     row, main = row_of(shares), strongest(shares)
-    # The strongest joint of a vertex gets what the others leave.
+    # The strongest joint of a vertex gets the rest of the weight.
     free = np.flatnonzero(shares.indices != main[row])
     if not len(free):
         return shares

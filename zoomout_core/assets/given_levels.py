@@ -58,7 +58,7 @@ def complete_levels(
     Args:
         asset: the asset, which is level 0.
         given: the meshes by their names, each in the place and the rest pose of the asset.
-        max_weights: how many joints a vertex may have; as many as on the asset, when not given.
+        max_weights: maximum number of joints of a vertex; that of the asset by default.
         keep_uv: whether a mesh with texture coordinates keeps them, in the order of those of the asset.
 
     Returns:

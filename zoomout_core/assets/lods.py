@@ -36,7 +36,7 @@ from zoomout_core.transfer.rigging.weights import limit_weights
 
 # Digits of texture coordinates; smaller differences are rounding.
 UV_DIGITS = 5
-# Vertices of a level, relative to those wanted, from which a note says why.
+# Ratio of a level's vertices to the requested number from which a note gives the reason.
 MORE = 1.1
 # Share of the time that simplifying takes.
 SIMPLIFY = 0.6
@@ -52,7 +52,7 @@ def make_lods(asset: Asset, ratios: Sequence[float], max_weights: int | None = N
     Args:
         asset: the asset, which is level 0.
         ratios: for each further level the share of vertices to keep, between 0 and 1.
-        max_weights: how many joints a vertex may have; as many as on the asset, when not given.
+        max_weights: maximum number of joints of a vertex; that of the asset by default.
 
     Returns:
         The further levels, whose meshes are on the nodes of the asset's.
@@ -62,6 +62,8 @@ def make_lods(asset: Asset, ratios: Sequence[float], max_weights: int | None = N
     """
     source = at_rest(asset)
     working = source.surface.working
+    if not ratios:
+        raise MeshError("No levels are given: give shares of the vertices, such as 0.5.")
     for ratio in ratios:
         if not 0 < ratio < 1 or ratio * len(working.vertices) < MIN_VERTICES:
             raise MeshError(
@@ -235,7 +237,7 @@ def _with_facing_normals(level: Asset, asset: Asset, used: Integers) -> Asset:
 
 
 def _fit(source: Asset, level: Asset, used: Integers, poses: Poses) -> Asset:
-    """A level at rest, moved and weighted to be close to the asset in all poses; coinciding vertices stay so."""
+    """A level at rest, moved and weighted to be close to the asset in all poses; coinciding vertices still coincide."""
     rest = level.surface.vertices
     first, of_vertex = merge_places(rest)
     places = points_in_poses(source, poses, poses.parts, poses.parts[used], FITTED * len(first))
@@ -259,7 +261,7 @@ def _fit(source: Asset, level: Asset, used: Integers, poses: Poses) -> Asset:
 
 
 def _map_of(surface: Surface, used: Integers) -> SurfaceMap:
-    """The map of a level's vertices (k,), each of which is a vertex of the surface."""
+    """The map of a level whose vertices are vertices (k,) of the surface."""
     triangle = np.zeros(len(surface.vertices), dtype=np.int64)
     triangle[surface.triangles.ravel()] = np.repeat(np.arange(len(surface.triangles)), 3)
     barycentric = (surface.triangles[triangle[used]] == used[:, None]).astype(np.float64)

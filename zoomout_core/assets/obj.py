@@ -64,7 +64,14 @@ def read_obj(path: Path, folders: Iterable[Path] = ()) -> Asset:
     if content.materials:
         attributes.append(material_numbers(np.array(content.face_materials)[kept]))
     materials = tuple(reader.materials.get(name, Material(name)) for name in content.materials)
-    return Asset(surface, tuple(attributes), materials, notes=tuple(reader.notes))
+    notes = [*reader.notes]
+    if content.loose_lines:
+        notes.append(f"{path.name} contains points or lines, which are left out.")
+    if 0 < len(colors) < len(surface.vertices):
+        notes.append(
+            f"{path.name} has colors for only {len(colors):,} of {len(surface.vertices):,} vertices: they are left out."
+        )
+    return Asset(surface, tuple(attributes), materials, notes=tuple(notes))
 
 
 class _MaterialReader:

@@ -18,7 +18,7 @@ from zoomout_core.mesh.named_parts import NamedParts, name_parts
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.transfer.rigging.poses import parents_first
 
-# The most names that a sentence lists.
+# Maximum number of names in a sentence.
 LISTED = 12
 
 
@@ -36,7 +36,7 @@ def parts_of(asset: Asset) -> NamedParts:
 
 
 def parts_of_file(path: str | Path, surface: Surface) -> NamedParts:
-    """The parts of a surface that was read from a file, perhaps by another program; its loose parts without names.
+    """The parts of a surface that was read from a file, perhaps by another program; without names, its loose parts.
 
     A file whose shape can be read, but not its materials, counts as one without names.
     """

@@ -22,13 +22,13 @@ from zoomout_core.mesh.affine_maps import normalise
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.messages import enumeration, message, plural
-from zoomout_core.runtime.progress import advance, stage
+from zoomout_core.runtime.progress import advance, portion, stage
 from zoomout_core.runtime.threads import on_one_blas_thread
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 from zoomout_core.transfer.blend import Blend, mask_of
 from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.rigging.motion import MotionCheck, note_on_motions
-from zoomout_core.transfer.rigging.rest_pose import REST, align, find_pose
+from zoomout_core.transfer.rigging.rest_pose import REST, PosedTarget, align, correct_map, find_pose
 from zoomout_core.transfer.rigging.rig import note_on_idle_joints
 from zoomout_core.transfer.rigging.skinning import skinning_matrices
 from zoomout_core.transfer.rigging.unpose import Rest, unpose
@@ -41,6 +41,8 @@ SHAPES = ("automatic", "rest pose", "keep shape")
 # Share of the target's area within `RestTuning.in_place` of the source above which both have the same pose and place.
 # Then the source's joints take the target to the rest pose. Fingers and hems of a remeshed target are farther away.
 MIN_IN_PLACE_SHARE = 0.9
+# Fractions of the progress at which the pose is found, and attributes are transferred.
+FOUND, TRANSFERRED = 0.2, 0.7
 
 
 class TransferredAsset(NamedTuple):
@@ -85,7 +87,7 @@ def transfer_asset(
         kinds: the kinds to transfer, from `KINDS`.
         shape: how to take the target to the rest pose, from `SHAPES`.
         fill_below: confidence below which values are filled in from around, see `transfer.transfer`.
-        max_weights: how many joints a vertex may have; as many as on the source, when not given.
+        max_weights: maximum number of joints of a vertex; that of the source by default.
         move_rig: move the joints into the target, which keeps its size, and compare how both play the animations.
             Otherwise the joints stay where they are, and the target takes the size of the source. With a mask, add the
             joints that move the part to those of the target, and give the part their weights.
@@ -118,7 +120,13 @@ def transfer_asset(
         )
     mapped = map_target(match, source.surface, place_all(target.surface), fill_below)
     replaced = {kind_of(each) for each in chosen}
-    attributes, notes = _transfer_attributes(chosen, replaced, target, mapped)
+    posed, corrected = None, mapped
+    if skin is not None and part is None and not _stands_as(source.surface, mapped.target):
+        with stage("Finding the pose", 0, FOUND):
+            posed = find_pose(mapped, source.surface.with_vertices(skin.rest), skin.weights, skin.parents)
+            corrected = correct_map(mapped, posed, skin.weights)
+    with portion(0.0 if posed is None else FOUND, TRANSFERRED):
+        attributes, notes = _transfer_attributes(chosen, replaced, target, corrected)
     asset = replace(target, attributes=attributes, notes=(), stored_map=None)
     if MATERIALS in replaced:
         asset = replace(asset, materials=source.materials, look=source.look)
@@ -130,13 +138,13 @@ def transfer_asset(
         notes += of_rest
     motions: tuple[MotionCheck, ...] = ()
     if skin is not None and part is not None:
-        with stage("Adding joints", 0.7, 1.0):
+        with stage("Adding joints", TRANSFERRED, 1.0):
             own_weights = skin_weights(skin, mapped, max_weights)
             asset, of_joints = add_joints(source, asset, mapped, own_weights, mask_of(part.mask, target.surface))
             notes += of_joints
     elif skin is not None:
-        with stage("Binding to the joints", 0.7, 1.0):
-            own, at_rest, found = _bind(source, skin, mapped, shape, max_weights)
+        with stage("Binding to the joints", TRANSFERRED, 1.0):
+            own, at_rest, found = _bind(skin, mapped, posed, shape, max_weights)
             document = source.document
             if move_rig:
                 own, document = move_skin(source, own, at_rest)
@@ -180,7 +188,7 @@ def _transfer_attributes(
     received = {each.name: each for each in target.attributes if kind_of(each) not in kinds}
     notes: list[str] = []
     for number, attribute in enumerate(chosen):
-        start, end = (0.7 * (number + step) / len(chosen) for step in (0, 1))
+        start, end = ((number + step) / len(chosen) for step in (0, 1))
         with stage(message("Transferring {what}", what=attribute.name), start, end):
             carried = transfer_along(attribute, mapped)
             if attribute.name == SHAPE_KEYS:
@@ -260,15 +268,17 @@ def _note_on_replaced(target: Asset, kinds: Collection[str], with_joints: bool) 
 
 
 def _bind(
-    source: Asset, skin: Skin, mapped: MappedTarget, shape: str, limit: int | None
+    skin: Skin, mapped: MappedTarget, posed: PosedTarget | None, shape: str, limit: int | None
 ) -> tuple[Skin, MappedTarget, list[str]]:
-    """The skin of the target, with its rest pose, the target over the source at rest, and notes."""
+    """The skin of the target, with its rest pose, the target over the source at rest, and notes.
+
+    The pose of the target is None if it is that of the source.
+    """
     target, at_rest, notes = mapped.target, mapped, list[str]()
-    if _stands_as(source.surface, target):
+    if posed is None:
         weights = skin_weights(skin, mapped, limit)
         rest = Rest(*to_rest(target.vertices, weights, skin.transforms), 0)
     else:
-        posed = find_pose(mapped, source.surface.with_vertices(skin.rest), skin.weights, skin.parents)
         at_rest, weights, pose = posed.mapped, skin_weights(skin, posed.mapped, limit), posed.pose
         if shape == "keep shape" or (shape == "automatic" and pose.is_rest):
             rest = align(target, pose)

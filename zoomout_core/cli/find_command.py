@@ -130,7 +130,7 @@ def find(
 
 
 def _lines(found: FoundSources) -> list[str]:
-    lines = [found.refusal] if found.refusal else []
+    lines = [each for each in (found.refusal, found.note) if each]
     lines += [f"{number}. {_line(each)}" for number, each in enumerate(found.ranked, start=1)]
     return lines + ([] if found.part is None else [found.part.sentence])
 
@@ -168,6 +168,7 @@ def _rows(ranked: Sequence[FoundSource]) -> list[dict[str, Any]]:
             "fit": 1 - each.misfit,
             "certainty": each.certainty,
             "difference": each.difference,
+            "is_part": each.is_part,
         }
         for each in ranked
     ]

@@ -26,7 +26,7 @@ from zoomout_core.assets.level import Level
 from zoomout_core.assets.lods import make_lods, with_fewer_weights, with_level_names
 from zoomout_core.assets.stored_map import stored_map_of
 from zoomout_core.assets.transfer_asset import KINDS
-from zoomout_core.batch import is_folder
+from zoomout_core.batch import check_folder, is_folder
 from zoomout_core.cli.report import json_option
 from zoomout_core.command_options import OptionError, compress_option, folders_option, progress_bar, tell
 from zoomout_core.mesh.formats.blender_files import ENDINGS as OF_BLENDER
@@ -97,6 +97,7 @@ def lods(
         count = len(given or shares)
         if not is_folder(output):
             raise MeshError(f"{output} is a file, but there are {count + 1} levels: give a folder.")
+        check_folder(folder)
         paths = [folder / f"{Path(mesh).stem}_LOD{number}.{ending}" for number in range(count + 1)]
         for read in (mesh, *given):
             if Path(read).suffix.lower() in OF_BLENDER:

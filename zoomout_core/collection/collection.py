@@ -127,7 +127,7 @@ def match_collection(
     Args:
         shapes: a mapping of names to shapes; or a list. Files in a list are named without their extension, surfaces and
             other shapes (`ShapeLike`) by their number.
-        folder: folder of the results, created if missing. None for a temporary one, which lives as long as the result.
+        folder: folder of the results, created if missing. None for a temporary one, which is removed with the result.
         template: the name or path of the shape that is the source of all others. If a map from it is uncertain, its
             target is also matched with a few other shapes.
         pairs: sources and targets by their names, or "all".
@@ -153,7 +153,7 @@ def match_collection(
     """
     if sum(choice is not None for choice in (template, pairs, neighbours)) != 1:
         raise MeshError(
-            "Give only one of a template, pairs and a number of neighbours to choose which shapes are matched."
+            "Give exactly one of a template, pairs and a number of neighbours to choose which shapes are matched."
         )
     options = MatchOptions() if options is None else options
     if options.landmarks is not None or options.initial_map is not None or options.regions is not None:

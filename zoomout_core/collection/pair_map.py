@@ -16,7 +16,7 @@ from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.collection.shapes import ShapeSummary
 from zoomout_core.maps.zoomout import nearest_samples
 from zoomout_core.matching.pair import Pair
-from zoomout_core.matching.ranking.rank import Candidate
+from zoomout_core.matching.ranking.candidate import Candidate
 from zoomout_core.matching.report.verdict import Faults
 from zoomout_core.matching.result import MatchResult
 from zoomout_core.messages import from_json, to_json
@@ -136,21 +136,21 @@ def arrays_of(result: MatchResult, maps: CandidateMaps, key: str, seconds: float
     """Data stored with the map of a pair: see `zoomout match`, `CandidateMaps` and `PairRecord`."""
     faults = result.faults
     record = PairRecord(
-        key,
-        result.certainty,
-        float(result.confidence.mean()),
-        faults.doubtful,
-        faults.alone,
-        result.source_share_without_partner,
-        len(result.candidates),
-        result.chosen,
-        through,
-        result.notes,
-        seconds,
-        faults.torn,
-        faults.silent,
-        faults.mirrored,
-        faults.doubtful_vertices,
+        key=key,
+        certainty=result.certainty,
+        mean_confidence=float(result.confidence.mean()),
+        low_confidence=faults.doubtful,
+        share_without_partner=faults.alone,
+        source_share_without_partner=result.source_share_without_partner,
+        candidates=len(result.candidates),
+        candidate=result.chosen,
+        through=through,
+        notes=result.notes,
+        seconds=seconds,
+        torn=faults.torn,
+        silent=faults.silent,
+        mirrored=faults.mirrored,
+        doubtful_vertices=faults.doubtful_vertices,
     )
     return {
         "confidence": result.confidence,

@@ -28,7 +28,7 @@ from zoomout_core.runtime.child_process import empty_working_folder
 if TYPE_CHECKING:
     from zoomout_core.collection.collection import CollectionResult
 
-# Pixels of a picture per side, and the most vertices of a surface to draw.
+# Pixels along each side of a picture, and maximum number of vertices of a drawn surface.
 PIXELS, MAX_VERTICES = 180, 6_000
 
 

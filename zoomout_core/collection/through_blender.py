@@ -154,7 +154,7 @@ def carry_pair(
 
 
 def _read_notes(entry: Mapping[str, Any]) -> list[str]:
-    """The notes in an entry of Blender's report, of which some are warnings."""
+    """The notes in an entry of Blender's report, some of them warnings."""
     warnings = entry.get("warnings", ())
     return [_as_warning(note) if note in warnings else note for note in entry.get("notes", ())]
 

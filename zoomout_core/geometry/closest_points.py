@@ -65,7 +65,9 @@ class SurfaceSearch:
         # The triangles at the nearest vertex are a good initial guess, which rules out most others.
         nearest = self._used[query_tree(self._tree, points, 1)[1]]
         for block in consecutive(np.diff(self._at_vertex[0])[nearest], BLOCK):
-            query, candidate, _ = _lists(*self._at_vertex, nearest[block])
+            first, triangle = self._at_vertex
+            query, entry, _ = _lists(first, nearest[block])
+            candidate: Indices = take_rows(triangle, entry)
             found.improve(block[query], candidate)
         far = np.flatnonzero(found.distance > tolerance)
         if len(far):
@@ -259,11 +261,11 @@ class EmbeddedSurface:
         pairs_each = np.diff(neighbourhoods.first_vertex)[nearest[order]].astype(np.int64)
         for block in map(order.__getitem__, consecutive(pairs_each * max(8, embedding.shape[1]), BLOCK * 2)):
             # Inner products of each query with each nearby vertex, computed once per pair.
-            query, pair_vertex, first = _lists(neighbourhoods.first_vertex, neighbourhoods.vertex, nearest[block])
-            beside = take_rows(points, block[query]), take_rows(embedding, pair_vertex)
+            query, entry, first = _lists(neighbourhoods.first_vertex, nearest[block])
+            beside = take_rows(points, block[query]), take_rows(embedding, take_rows(neighbourhoods.vertex, entry))
             all_products = np.einsum("pk,pk->p", *beside)
-            query, candidate, _ = _lists(neighbourhoods.first_triangle, neighbourhoods.triangle, nearest[block])
-            _, corners, _ = _lists(neighbourhoods.first_triangle, neighbourhoods.corners, nearest[block])
+            query, entry, _ = _lists(neighbourhoods.first_triangle, nearest[block])
+            candidate, corners = take_rows(neighbourhoods.triangle, entry), take_rows(neighbourhoods.corners, entry)
             product = all_products[first[query, None] + corners].astype(np.float64)
             ap_ab = product[:, 1] - product[:, 0] - a_ab[candidate]
             ap_ac = product[:, 2] - product[:, 0] - a_ac[candidate]
@@ -279,17 +281,17 @@ class EmbeddedSurface:
         return triangle, barycentric
 
 
-def _lists(first: Indices, entries: Indices, chosen: Integers) -> tuple[Integers, Indices, Integers]:
-    """Select the lists of chosen owners (c,) among entries (e, ...) in which those of owner i begin at `first[i]`.
+def _lists(first: Indices, chosen: Integers) -> tuple[Integers, Integers, Integers]:
+    """Select the lists of chosen owners (c,) among entries in which those of owner i begin at `first[i]`.
 
     Returns:
-        (p,) the position in `chosen` of each entry, (p, ...) the entries, and (c,) where each list begins among them.
+        (p,) the position in `chosen` of each entry, (p,) its number, and (c,) where each list begins among them.
     """
     size = np.diff(first)[chosen]
     begin = np.cumsum(size) - size
     return (
         np.repeat(np.arange(len(chosen)), size),
-        take_rows(entries, np.arange(size.sum()) - np.repeat(begin - first[chosen], size)),
+        np.arange(size.sum()) - np.repeat(begin - first[chosen], size),
         begin,
     )
 

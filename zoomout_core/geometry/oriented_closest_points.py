@@ -65,6 +65,7 @@ class OrientedSurface:
         normal_weight: the distance that counts as much as a unit difference of normals.
         group: (m,) integers from 0, to search closest points only within a group of triangles.
         points: number of samples; by the tuning, when not given.
+        traits: (m, d) further coordinates of the triangles, in units of length, for searches of similar ones.
     """
 
     def __init__(
@@ -75,6 +76,7 @@ class OrientedSurface:
         normal_weight: float,
         group: Integers | None = None,
         points: int | None = None,
+        traits: Floats | None = None,
     ) -> None:
         self._vertices, self._triangles, self._weight = vertices, triangles, normal_weight
         of_group = np.zeros(len(triangles), dtype=np.int64) if group is None else group
@@ -90,10 +92,13 @@ class OrientedSurface:
                 places.append(place)
                 on.append(chosen[at])
         self._on = np.concatenate(on)
-        normals = unit_vectors(area_normals(vertices, triangles[self._on]))
-        normals = normals * np.where(flipped[self._on], -1, 1)[:, None]
+        normals = np.zeros((len(self._on), 3))
+        if normal_weight > 0:
+            of_triangles = unit_vectors(area_normals(vertices, triangles)) * np.where(flipped, -1, 1)[:, None]
+            normals = of_triangles[self._on]
         self._apart = 0.0 if group is None else APART * float(np.ptp(vertices, axis=0).max())
-        rows = self._rows(np.concatenate(places), normals, of_group[self._on])
+        of_triangles = np.empty((len(triangles), 0)) if traits is None else traits
+        rows = self._rows(np.concatenate(places), normals, of_group[self._on], of_triangles[self._on])
         self._tree = search_tree(rows)
 
     def has_group(self, group: Integers) -> Booleans:
@@ -111,25 +116,26 @@ class OrientedSurface:
         return np.asarray(np.linalg.norm(np.maximum(np.maximum(low - points, points - high), 0), axis=1))
 
     def closest(
-        self, points: Floats, normals: Floats, group: Integers | None = None
+        self, points: Floats, normals: Floats, group: Integers | None = None, traits: Floats | None = None
     ) -> tuple[Integers, Floats, Floats]:
-        """The closest points for places (q, 3) with unit normals (q, 3), in groups (q,).
+        """The closest points for places (q, 3) with unit normals (q, 3) and traits (q, d), in groups (q,).
 
         Returns:
             (q,) triangle numbers, (q, 3) barycentric coordinates, and (q,) distances.
         """
         of_group = np.zeros(len(points), dtype=np.int64) if group is None else group
+        own = np.empty((len(points), 0)) if traits is None else traits
         pieces = [
-            self._closest(points[some], self._rows(points[some], normals[some], of_group[some]))
+            self._closest(points[some], self._rows(points[some], normals[some], of_group[some], own[some]))
             for some in np.array_split(np.arange(len(points)), 1 + len(points) // QUERIES_AT_ONCE)
         ]
         triangle, barycentric, distance = (np.concatenate(part) for part in zip(*pieces, strict=True))
         return triangle, barycentric, distance
 
-    def _rows(self, points: Floats, normals: Floats, group: Integers) -> Floats:
+    def _rows(self, points: Floats, normals: Floats, group: Integers, traits: Floats) -> Floats:
         """(q, d) coordinates of points in the tree: those of normals and groups only if they count."""
         of_normals, of_groups = self._weight * normals[:, : 3 * (self._weight > 0)], self._apart * group[:, None]
-        return np.hstack([points, of_normals, of_groups[:, : self._apart > 0]])
+        return np.hstack([points, of_normals, of_groups[:, : self._apart > 0], traits])
 
     def _closest(self, points: Floats, rows: Floats) -> tuple[Integers, Floats, Floats]:
         candidate = self._on[query_tree(self._tree, rows, ORIENTED_SEARCH.candidates)[1]]

@@ -8,6 +8,7 @@ weighted by area, so that the density of a mesh does not matter, and frames poin
 from __future__ import annotations
 
 from itertools import product
+from numbers import Real
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -51,7 +52,7 @@ def shot(shape: ShapeLike, radius: float = 0.1) -> Floats:
     """
     shape = as_shape(shape)
     mesh = as_surface(shape).working
-    if not 0 < radius < np.inf:
+    if not (isinstance(radius, Real) and 0 < radius < np.inf):
         raise ValueError(f"The radius is {radius!r}: give a positive number, relative to the root of the area.")
     areas = vertex_areas(mesh.vertices, mesh.triangles)
     tree = cKDTree(mesh.vertices)

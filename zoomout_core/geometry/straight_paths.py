@@ -13,7 +13,7 @@ import numpy as np
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.mesh.triangles import cross, sides_by_edge, unit_vectors
 
-# Triangles that a path crosses at most. Paths around a vertex may take many, and rounding may send one to and fro.
+# Maximum number of triangles on a path. Paths around a vertex cross many, and rounding may send one back and forth.
 MAX_CROSSED = 1000
 
 

@@ -10,12 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from zoomout_core.arrays import Floats, Integers
+from zoomout_core.arrays import Floats, Integers, SingleFloats
 from zoomout_core.library.descriptor import Descriptor, describe
+from zoomout_core.library.surroundings import FEATURES, SURROUNDINGS, surroundings_of
 from zoomout_core.matching.components.bodies import BODIES
 from zoomout_core.matching.components.hulls import hull_of, main_part_coverage
 from zoomout_core.matching.options import MatchOptions
 from zoomout_core.matching.partial.incomplete_shape import INCOMPLETE
+from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 from zoomout_core.matching.preparation.prepare import prepare_shape
 from zoomout_core.matching.preparation.proxy import make_proxy
 from zoomout_core.mesh.surface import Surface
@@ -42,11 +44,12 @@ HULL, TIGHT_HULL, MAIN_PART = "hull", "tight hull", "main part"
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """A mesh of one part that represents a character, and its descriptor."""
+    """A mesh of one part that represents a character, with its descriptor and the surroundings of its places."""
 
     vertices: Floats  # (n, 3) in the unit of the character
     triangles: Integers  # (m, 3)
     descriptor: Descriptor
+    surroundings: SingleFloats  # (d, r, 4) see `surroundings_of`
 
     @property
     def surface(self) -> Surface:
@@ -54,15 +57,18 @@ class Body:
         return Surface(self.vertices, self.triangles)
 
     def as_arrays(self) -> dict[str, Any]:
-        """Arrays that `from_arrays` reads; positions in single precision."""
+        """Arrays that `from_arrays` reads; positions in single precision, surroundings in half precision."""
         mesh = {"vertices": self.vertices.astype(np.float32), "triangles": self.triangles.astype(np.int32)}
-        return mesh | self.descriptor.as_arrays()
+        return mesh | {"surroundings": self.surroundings.astype(np.float16)} | self.descriptor.as_arrays()
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, Any]) -> Body:
         """A body of arrays; raises KeyError if one is missing, and ValueError if they contradict each other."""
         vertices, triangles = arrays["vertices"].astype(np.float64), arrays["triangles"].astype(np.int64)
-        return cls(vertices, triangles, Descriptor.from_arrays(arrays))
+        surroundings = arrays["surroundings"].astype(np.float32)
+        if surroundings.shape[1:] != (SURROUNDINGS.radii, FEATURES):
+            raise ValueError("its surroundings have other radii")
+        return cls(vertices, triangles, Descriptor.from_arrays(arrays), surroundings)
 
 
 def match_options() -> MatchOptions:
@@ -91,14 +97,19 @@ def _body(part: WorkingMesh) -> Body:
     """A part with few vertices, and its descriptor."""
     proxy = make_proxy(part, BODY.vertices)
     small = Surface(part.to_surface(proxy.vertices), proxy.mesh.triangles)
+    shape = analyse_body(small)
+    return Body(small.vertices, small.triangles, describe(shape), surroundings_of(shape))
+
+
+def analyse_body(surface: Surface) -> ShapeAnalysis:
+    """The analysis of the surface of a body, for its descriptor and for matches of it."""
     options = match_options()
     size = options.k_final, options.samples, options.seed, options.proxy_vertices
-    shape = prepare_shape(small.working.part(0)[0], *size, ahead=())
-    return Body(small.vertices, small.triangles, describe(shape))
+    return prepare_shape(surface.working.part(0)[0], *size, ahead=())
 
 
 def may_be_part(bodies: Mapping[str, Body]) -> bool:
-    """Whether the borders of a character are so long that it may be a part, such as a bust."""
+    """Whether a character has borders long enough for a part, such as a bust."""
     body = bodies.get(MAIN_PART)
     if body is None:
         return False

@@ -145,6 +145,7 @@ def _find(
             skin, notes = made or skin, [*notes, *of_part]
         else:
             notes.append(found.part.sentence)
+    notes += [found.note] if found.note else []
     verdict = Verdict(RED, str(found.refusal), "") if found.best is None or result is None else result.verdict
     record = TargetRecord(
         key,

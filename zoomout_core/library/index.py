@@ -21,7 +21,7 @@ from zoomout_core.runtime.outputs import OutputError, atomic_write, check_output
 from zoomout_core.runtime.version import package_version
 
 # Increase this when bodies are computed or stored differently.
-FORMAT = 2
+FORMAT = 3
 # The list of files, and the names of bodies.
 LIST, STORED = "files.json", re.compile(r"[0-9a-f]{32}\.npz")
 # Separates the kind of a body from the name of one of its arrays.

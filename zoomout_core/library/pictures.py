@@ -16,9 +16,9 @@ from zoomout_core.mesh.affine_maps import blend_matrices, transform_points
 from zoomout_core.mesh.decimation import decimate
 from zoomout_core.mesh.surface import Surface
 
-# Pixels of a picture of one shape, and degrees by which it is seen from the side.
+# Pixels of a picture of one shape, and its view's angle from the front, in degrees.
 WIDTH, HEIGHT, YAW = 260, 320, 25.0
-# The most vertices of a surface to draw.
+# Maximum number of vertices of a drawn surface.
 MAX_VERTICES = 20_000
 
 

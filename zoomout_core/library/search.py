@@ -9,9 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from zoomout_core.library.bodies import Body, bodies_of, match_options, may_be_part
+from zoomout_core.library.bodies import MAIN_PART, Body, bodies_of, match_options, may_be_part
 from zoomout_core.library.descriptor import Difference, compare
 from zoomout_core.library.parts import FoundPart, find_part
+from zoomout_core.library.wholes import find_wholes
 from zoomout_core.matching.pipeline import match
 from zoomout_core.matching.ranking.scores import SCORES
 from zoomout_core.matching.result import MatchResult
@@ -26,12 +27,12 @@ NOTHING_FITS = (
     "Nothing in the library fits: the nearest asset is '{name}', but {reason}. Add an asset like the target, or choose "
     "a source by hand."
 )
-# Added if the target may be a part. Parts are not searched for: a bust is matched with a similar body (93 % certain),
-# but not with a stylised one (under 1 %), and each asset that does not fit takes about 20 seconds of processor time.
+# Added if the target may be a part.
 ONLY_A_PART = (
-    "The search compares whole characters: if the target is only a part, such as a bust, choose a whole character as "
-    "the source by hand."
+    "The target may be only a part, such as a bust, but its place on no character of the library is certain: choose a "
+    "whole character as the source by hand."
 )
+IS_PART = "The target is only a part of '{name}', such as a bust."
 NO_ASSETS = "The library has no assets: add files of finished characters, and prepare it again."
 # The reason why the nearest asset does not fit, by its largest difference.
 REASONS = {
@@ -88,6 +89,8 @@ class FoundSource:
         misfit: the weighted geometric mean of the errors that rank maps. It is mostly 0.04 to 0.11 for the same body in
             another pose, and above 0.12 for another species.
         match: the match of small bodies that represent both, for pictures; None if there was none.
+        is_part: whether the target is only a part of it, such as a bust. Then `difference` is the mean difference of
+            the surroundings of places.
 
     Example:
         >>> zo.FoundSource("hero.glb", difference=0.4, certainty=0.97, misfit=0.06).fits
@@ -99,6 +102,7 @@ class FoundSource:
     certainty: float
     misfit: float
     match: MatchResult | None = field(default=None, repr=False, compare=False)
+    is_part: bool = False
 
     @property
     def name(self) -> str:
@@ -113,7 +117,9 @@ class FoundSource:
     @property
     def fits(self) -> bool:
         """Whether it may be a source for the target."""
-        return self.distance <= SEARCH.max_distance and self.certainty >= SEARCH.min_certainty
+        # The certainty of a part depends on its fit.
+        near_enough = self.is_part or self.distance <= SEARCH.max_distance
+        return near_enough and self.certainty >= SEARCH.min_certainty
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -121,7 +127,8 @@ class FoundSources(Summary):
     """The result of a search.
 
     Attributes:
-        ranked: the assets that were matched, those that fit first, by increasing misfit.
+        ranked: the assets that were matched, those that fit first, by increasing misfit; by decreasing certainty if the
+            target is only a part of them.
         nearest: the file of the nearest asset, by its descriptor if none was matched; None if there are no assets.
         refusal: why nothing fits; empty if the first asset does.
         part: the part of the target that another asset fits much better than the first; None if no part does.
@@ -141,6 +148,12 @@ class FoundSources(Summary):
     def best(self) -> FoundSource | None:
         """The asset that fits best; None if nothing does."""
         return None if self.refusal else self.ranked[0]
+
+    @property
+    def note(self) -> str:
+        """What is special about the best source: that the target is only a part of it; else empty."""
+        best = self.best
+        return message(IS_PART, name=best.name) if best is not None and best.is_part else ""
 
     def _summary(self) -> dict[str, str]:
         rows = {
@@ -164,6 +177,13 @@ def search(target: Surface, assets: Sequence[LibraryAsset], compare: int | None 
         return FoundSources((), None, message(NO_ASSETS))
     with portion(0.0, 0.2):
         bodies = bodies_of(target)
+    is_open = may_be_part(bodies)
+    if is_open:
+        with portion(0.2, 0.5):
+            wholes = _search_wholes(bodies[MAIN_PART], assets, compare)
+        if wholes is not None:
+            return wholes
+    begin = 0.5 if is_open else 0.2
     compared = [_compare(asset, bodies) for asset in assets]
     closest = _closest(compared, compare or SEARCH.matched)
     nearest = closest[0]
@@ -173,16 +193,25 @@ def search(target: Surface, assets: Sequence[LibraryAsset], compare: int | None 
     chosen = [each for each in closest if each.difference.total <= limit]
     found = []
     for number, each in enumerate(chosen):
-        with stage("Matching", 0.2 + 0.8 * number / len(chosen), 0.2 + 0.8 * (number + 1) / len(chosen)):
+        with stage("Matching", *(begin + (1 - begin) * each / len(chosen) for each in (number, number + 1))):
             result = match(each.source.surface, each.target.surface, match_options())
         source = FoundSource(each.path, each.difference.total, result.certainty, misfit_of(result), result)
         found.append(((not source.fits, source.misfit + TIE * each.overall), source))
     ranked = tuple(source for _, source in sorted(found, key=lambda pair: pair[0]))
     nearest_path = ranked[0].path if ranked else nearest.path
     refusal = _refusal(ranked, nearest)
-    if refusal and may_be_part(bodies):
+    if refusal and is_open:
         refusal = sentences(refusal, message(ONLY_A_PART))
     return FoundSources(ranked, nearest_path, refusal, find_part(ranked))
+
+
+def _search_wholes(part: Body, assets: Sequence[LibraryAsset], count: int | None) -> FoundSources | None:
+    """The assets of which a body is a part; None if its place on none is certain."""
+    found = find_wholes(part, assets, count)
+    ranked = tuple(
+        FoundSource(each.path, each.difference, each.certainty, each.misfit, each.match, is_part=True) for each in found
+    )
+    return FoundSources(ranked, ranked[0].path, "") if ranked and ranked[0].fits else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,7 +246,7 @@ def _closest(compared: Sequence[_Compared], count: int) -> list[_Compared]:
 
 
 def misfit_of(result: MatchResult) -> float:
-    """The weighted geometric mean of the errors by which a match's candidates are ranked."""
+    """The weighted geometric mean of the errors that rank the candidates of a match."""
     weights = (
         SCORES.place + SCORES.facing + SCORES.commutativity + SCORES.frequency + SCORES.distance + SCORES.curvature
     )

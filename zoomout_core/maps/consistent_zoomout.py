@@ -19,7 +19,7 @@ from scipy.sparse.linalg import eigsh
 from zoomout_core.arrays import Floats, Integers, check_counts
 from zoomout_core.maps.functional_map import functional_map_of
 from zoomout_core.maps.nearest import nearest
-from zoomout_core.maps.zoomout import SampledBasis
+from zoomout_core.maps.sampled_basis import SampledBasis
 from zoomout_core.mesh.triangles import components
 from zoomout_core.spectral.eigenbasis import SpectralBasis
 from zoomout_core.spectral.sampling import farthest_points
@@ -95,6 +95,8 @@ def consistent_zoomout(
         >>> maps = zo.consistent_zoomout(bases, {(0, 1): C, (1, 0): C.T}, k_final=30)
     """
     check_counts(k_initial=k_initial, k_final=k_final, step=step, samples=samples)
+    if not bases or not all(isinstance(basis, SpectralBasis) for basis in bases):
+        raise TypeError("Give the bases of the shapes, see `eigenbasis`, in a list.")
     fewest = min(len(basis.eigenvalues) for basis in bases)
     if k_final > fewest:
         raise ValueError(f"A basis has {fewest} eigenfunctions, too few for k_final = {k_final}: compute more of them.")
@@ -153,5 +155,5 @@ def latent_basis(functional_maps: Mapping[PairOfShapes, Floats], eigenvalues: Se
     latent = vectors.reshape(count, k, k)
     frequencies = sum(each.T @ (values[:, None] * each) for each, values in zip(latent, eigenvalues, strict=True))
     _, turned = eigh(frequencies)
-    # Scale so that the maps through the latent space are as large as the given ones.
+    # Give the maps through the latent space the norm of the given ones.
     return [np.asarray(np.sqrt(count) * each @ turned) for each in latent]

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.sparse import csr_array
 
-from zoomout_core.arrays import AnyFloats, Booleans, Floats, Integers, take_rows
+from zoomout_core.arrays import AnyFloats, Booleans, Floats, Integers, fill_masked, take_rows
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.mesh.surface import MeshError, Surface, vertex_numbers
 from zoomout_core.mesh.triangles import triangle_normals
@@ -81,14 +81,16 @@ class SurfaceMap(Summary):
         """Interpolate values (n_s,) or (n_s, d) at the source's vertices to the images: (n_t,) or (n_t, d).
 
         Raises:
-            ValueError: there are fewer values than vertices.
+            ValueError: there are fewer values than vertices, or they are not numbers in an array.
 
         Example:
             >>> heights = result.surface_map.interpolate(source.vertices[:, 2])
             >>> heights.shape == (len(target.vertices),)
             True
         """
-        given, needed = np.asarray(values), int(self.source_triangles.max(initial=-1)) + 1
+        given, needed = np.asarray(fill_masked(values)), int(self.source_triangles.max(initial=-1)) + 1
+        if given.dtype.kind not in "biufc":
+            raise ValueError(f"Values of type {type(values).__name__} ({given.dtype}) are not an array of numbers.")
         if not given.ndim or len(given) < needed:
             raise ValueError(f"Values of shape {given.shape} cannot be read at {needed} vertices: give one for each.")
         corners = take_rows(self.source_triangles, self.triangle)
@@ -185,7 +187,7 @@ def read_vertex_map(path: str | PathLike[str]) -> Integers:
 
 
 def arrays_of_map(path: str | PathLike[str], names: Sequence[str]) -> dict[str, np.ndarray[Any, Any]]:
-    """Read some arrays of the file of a map, as far as it has them; a MeshError if it cannot be read."""
+    """Read those of some arrays that the file of a map has; raises MeshError if it cannot be read."""
     try:
         return read_arrays(path, names)
     except FileNotFoundError:

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg import qr, solve, solve_triangular
+from scipy.linalg import solve
 
 from zoomout_core.arrays import Floats, Integers, RealsOrIntegers, check_counts, to_array
 from zoomout_core.maps.anchors import Anchors, coordinates
@@ -24,6 +24,7 @@ from zoomout_core.maps.functional_map import (
     vertex_map_of,
 )
 from zoomout_core.maps.nearest import nearest
+from zoomout_core.maps.sampled_basis import SampledBasis
 from zoomout_core.mesh.surface import vertex_numbers
 from zoomout_core.runtime.summary import Summary
 from zoomout_core.spectral.eigenbasis import SpectralBasis
@@ -48,8 +49,6 @@ class ZoomOutTuning(Tuning, set_by="peers"):
 
 ZOOMOUT = ZoomOutTuning()
 
-# A column of a triangular factor with a smaller diagonal entry, relative to the largest, depends on earlier columns.
-DEPENDENT = 1e-12
 # Sizes of functional maps, each (k_target, k_source), or one number for both.
 Sizes: TypeAlias = Sequence[int | tuple[int, int]]
 # Number of farthest points of each shape, or vertex numbers on the source and on the target; None for all vertices.
@@ -71,36 +70,6 @@ class Refined(Summary):
     def _summary(self) -> dict[str, str]:
         size = " x ".join(map(str, self.functional_map.shape))
         return {"functional map": size, "target": f"{len(self.vertex):,} vertices"}
-
-
-@dataclass(frozen=True, eq=False)
-class SampledBasis:
-    """A basis at samples, factorised once so that least squares with any k are a triangular solve.
-
-    Attributes:
-        samples: (s,) vertex numbers.
-        rows: (s, k) eigenvectors at the samples.
-        Q: (s, k) orthonormal; its leading columns, with an upper triangular R, factorise the leading columns of `rows`.
-        R_inverse: (k, k) upper triangular; the inverse of a leading block of R is the same block of this.
-    """
-
-    samples: Integers
-    rows: Floats
-    Q: Floats
-    R_inverse: Floats
-
-    @classmethod
-    def of(cls, basis: SpectralBasis, samples: Integers) -> SampledBasis:
-        """The basis at the samples (s,): the leading eigenfunctions that are linearly independent there."""
-        rows = basis.eigenvectors[samples]
-        Q, R = qr(rows, mode="economic")
-        diagonal = np.abs(R.diagonal())
-        k = int(np.argmin([*(diagonal > DEPENDENT * diagonal.max(initial=0)), False]))
-        return cls(samples, rows[:, :k], Q[:, :k], solve_triangular(R[:k, :k], np.eye(k)))
-
-    def fit(self, values: Floats, k: int) -> Floats:
-        """(..., k, d) least-squares coefficients of values (..., s, d) at the samples."""
-        return np.asarray(self.R_inverse[:k, :k] @ (self.Q[:, :k].T @ values))
 
 
 def zoomout(

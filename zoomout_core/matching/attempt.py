@@ -11,7 +11,8 @@ from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Floats
 from zoomout_core.matching.pair import Pair
-from zoomout_core.matching.ranking.rank import Candidate, are_rivals
+from zoomout_core.matching.ranking.candidate import Candidate
+from zoomout_core.matching.ranking.certainty import are_rivals, confirmed_certainty
 from zoomout_core.tuning import Tuning, tuned
 
 
@@ -77,8 +78,7 @@ def confirm(attempt: Attempt, by: Attempt) -> Attempt:
     shapes = attempt.pair.source_shape, attempt.pair.target_shape
     rivals = [other for other in others if are_rivals(first, other, *shapes)]
     undecided = (other.certainty for other in rivals if agree(replace(attempt, candidates=[other]), by))
-    share = first.certainty / max(first.certainty + max(undecided, default=0.0), 1e-300)
-    certainty = max(first.certainty, share * by.candidates[0].certainty)
+    certainty = confirmed_certainty(first.certainty, max(undecided, default=0.0), by.candidates[0].certainty)
     return replace(attempt, candidates=[replace(first, certainty=certainty), *others])
 
 

@@ -69,7 +69,7 @@ class Option:
     choices: tuple[Choice, ...] = ()  # the values of a choice
     minimum: float | None = None  # of a number
     maximum: float | None = None  # of a number
-    soft_maximum: float | None = None  # as far as Blender's slider goes
+    soft_maximum: float | None = None  # end of Blender's slider
     starts: tuple[str, ...] = REFINED  # values of `initial` that use the option
     panel: str = "Advanced"  # of Blender's sidebar. "Hints" and "Advanced" show their rows by themselves.
 

@@ -24,8 +24,9 @@ from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 from zoomout_core.matching.preparation.memory_cache import cached_working_mesh
 from zoomout_core.matching.preparation.memory_need import check_memory
 from zoomout_core.matching.preparation.prepare import AHEAD, prepare_shape
+from zoomout_core.matching.ranking.candidate import Candidate
 from zoomout_core.matching.ranking.finished_maps import rank_finished
-from zoomout_core.matching.ranking.rank import Candidate, rank, upsample_hypothesis
+from zoomout_core.matching.ranking.rank import rank, upsample_hypothesis
 from zoomout_core.matching.ranking.rotational_symmetry import self_maps, with_turned
 from zoomout_core.matching.report.notes import notes_on_input, notes_on_landmarks
 from zoomout_core.matching.result import MatchResult, make_result, outline
@@ -167,7 +168,17 @@ def _attempt(
     with stage("Analyzing the shapes", 0.0, ANALYSING):
         shapes = _analyse(body, options, AHEAD if automatic else ())
     exact = options.landmarks if options.exact_landmarks else None
-    pair = Pair(source, target, *shapes, options.k_final, options.step, exact, known.regions, notes, body.shares)
+    pair = Pair(
+        source,
+        target,
+        *shapes,
+        k_final=options.k_final,
+        step=options.step,
+        exact_landmarks=exact,
+        regions=known.regions,
+        notes=notes,
+        shares=body.shares,
+    )
     with portion(ANALYSING, 1.0):
         return Attempt(pair, _find_candidates(pair, known, options), body.coverage)
 
@@ -176,8 +187,8 @@ def _analyse(
     body: Bodies, options: MatchOptions, ahead: tuple[Callable[[ShapeAnalysis], object], ...]
 ) -> tuple[ShapeAnalysis, ShapeAnalysis]:
     """The analyses of two bodies, and further computations on each that are done ahead."""
-    size = options.k_final, options.samples, options.seed, options.proxy_vertices, ahead
-    return side_by_side(lambda: prepare_shape(body.source, *size), lambda: prepare_shape(body.target, *size))
+    settings = options.k_final, options.samples, options.seed, options.proxy_vertices, ahead
+    return side_by_side(lambda: prepare_shape(body.source, *settings), lambda: prepare_shape(body.target, *settings))
 
 
 def _find_candidates(pair: Pair, known: Constraints, options: MatchOptions) -> list[Candidate]:

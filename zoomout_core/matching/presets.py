@@ -18,7 +18,7 @@ DETAIL: dict[str, dict[str, int | None]] = {
 
 
 def sizes_in_words(detail: str) -> str:
-    """The arguments of `match` that a level of detail stands for."""
+    """The arguments of `match` for a level of detail."""
     sizes = {field.name: field.default for field in fields(MatchOptions)} | DETAIL[detail]
     return ", ".join(f"{name}={sizes[name]!r}" for name in DETAIL["fast"])
 
@@ -28,8 +28,10 @@ def resolve_detail(detail: str = "balanced", k_final: int = 0, **options: Any) -
 
     Args:
         detail: one of `DETAIL`.
-        k_final: size of the final functional map; 0 for as large as `detail` says.
+        k_final: size of the final functional map; 0 for the size that belongs to `detail`.
         options: other arguments of `match`, which override those of `detail`.
     """
-    size = {"k_final": max(k_final, SMALLEST_FINAL)} if k_final else {}
+    size = {"k_final": max(k_final, SMALLEST_FINAL) if isinstance(k_final, int) else k_final} if k_final else {}
+    if detail not in DETAIL:
+        raise ValueError(f"detail is {detail!r}: choose one of {', '.join(DETAIL)}.")
     return {**DETAIL[detail], **size, **options}

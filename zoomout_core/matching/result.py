@@ -5,14 +5,15 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from numbers import Integral
 from os import PathLike
 
 import numpy as np
 
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.maps.anchors import Anchors
+from zoomout_core.maps.sampled_basis import SampledBasis
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.maps.zoomout import SampledBasis
 from zoomout_core.matching.components.lift import lift
 from zoomout_core.matching.constraints import meet_exact_landmarks
 from zoomout_core.matching.pair import Pair
@@ -22,7 +23,8 @@ from zoomout_core.matching.partial.part_registration import RegisteredPart
 from zoomout_core.matching.partial.region import Region
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 from zoomout_core.matching.preparation.proxy import Proxy
-from zoomout_core.matching.ranking.rank import Candidate, is_closed
+from zoomout_core.matching.ranking.candidate import Candidate
+from zoomout_core.matching.ranking.certainty import certainty_of_torn, is_closed
 from zoomout_core.matching.refinement.dense_map import dense_map
 from zoomout_core.matching.refinement.repair import repair
 from zoomout_core.matching.report.notes import notes_on_map, notes_on_rest
@@ -165,14 +167,15 @@ class MatchResult(Summary):
     @property
     def faults(self) -> Faults:
         """The faults of the map that its verdict depends on, besides its certainty."""
+        is_doubtful = self.confidence < LOW_CONFIDENCE
         return Faults(
-            self.target.share_of_area(self.torn),
-            float(self.pair.shares[self.missed].sum()),
-            self.target.share_of_area(self.confidence < LOW_CONFIDENCE),
-            self.share_without_partner,
-            self.candidates[self.chosen].reverses_orientation,
-            1 - self.placed,
-            float((self.confidence < LOW_CONFIDENCE).mean()),
+            torn=self.target.share_of_area(self.torn),
+            silent=float(self.pair.shares[self.missed].sum()),
+            doubtful=self.target.share_of_area(is_doubtful),
+            alone=self.share_without_partner,
+            mirrored=self.candidates[self.chosen].reverses_orientation,
+            unplaced=1 - self.placed,
+            doubtful_vertices=float(is_doubtful.mean()),
         )
 
     @property
@@ -213,8 +216,8 @@ class MatchResult(Summary):
             >>> result.use(1).chosen  # the map with left and right exchanged, for example
             1
         """
-        if not 0 <= candidate < len(self.candidates):
-            raise ValueError(f"There is no candidate {candidate}: they are numbered 0 to {len(self.candidates) - 1}.")
+        if not (isinstance(candidate, Integral) and 0 <= candidate < len(self.candidates)):
+            raise ValueError(f"There is no candidate {candidate!r}: they are numbered 0 to {len(self.candidates) - 1}.")
         return replace(make_result(self.pair, self.candidates, candidate), names=self.names)
 
     def save(self, path: str | PathLike[str]) -> None:
@@ -245,7 +248,7 @@ def load_result(path: str | PathLike[str]) -> MatchResult:
 
     Raises:
         FileNotFoundError: there is no such file.
-        MeshError: it holds no result, or one of another version.
+        MeshError: it contains no result, or one of another version.
 
     Example:
         >>> result.save(folder / "result.npz")
@@ -322,13 +325,10 @@ def make_result(pair: Pair, candidates: tuple[Candidate, ...], chosen: int) -> M
 def _doubt_torn(
     pair: Pair, candidates: tuple[Candidate, ...], chosen: int, torn: float, torn_off: float
 ) -> tuple[Candidate, ...]:
-    """Candidates, of which the chosen one is not certain if its result is torn too much.
-
-    It may tear only a small part of closed shapes, and tears may cut only a small part off from the rest.
-    """
-    certainty = min(candidates[chosen].certainty, VERDICT.torn_certainty)
+    """The candidates, with a lower certainty of the chosen one if its map is torn; see `certainty_of_torn`."""
     closed = is_closed(pair.source_shape) and is_closed(pair.target_shape)
-    if torn_off <= VERDICT.torn_off and (torn <= VERDICT.torn or not closed):
+    certainty = certainty_of_torn(candidates[chosen].certainty, torn, torn_off, closed)
+    if certainty == candidates[chosen].certainty:
         return candidates
     return (*candidates[:chosen], replace(candidates[chosen], certainty=certainty), *candidates[chosen + 1 :])
 

@@ -32,9 +32,11 @@ from zoomout_core.matching.partial.unknown_scale import (
     times_as_large,
     unit_fits,
 )
+from zoomout_core.matching.ranking.candidate import Candidate
+from zoomout_core.matching.ranking.certainty import CERTAINTY, certainty_but_for_turns
 from zoomout_core.matching.ranking.finished_maps import rank_finished
-from zoomout_core.matching.ranking.rank import CERTAINTY, Candidate, rank, with_others
-from zoomout_core.matching.ranking.rotational_symmetry import certainty_but_for_turns, with_turned
+from zoomout_core.matching.ranking.rank import rank, with_others
+from zoomout_core.matching.ranking.rotational_symmetry import with_turned
 from zoomout_core.matching.report.notes import OTHER_UNITS, RESCALED
 from zoomout_core.messages import message, warning
 from zoomout_core.runtime.progress import portion, stage

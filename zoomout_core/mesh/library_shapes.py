@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Shapes of other libraries: trimesh, meshio and Open3D, known by what they have, so that none must be installed."""
+"""Shapes of trimesh, meshio and Open3D: they are recognised by their attributes, so none has to be installed."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def _shape(points: Any, faces: Any = None, normals: Any = None) -> Surface | Poi
 
 
 def _tensor(tensors: Any, name: str) -> Floats:
-    """A tensor (n, 3) of Open3D, on whichever device it is; empty if there is none of that name."""
+    """A tensor (n, 3) of Open3D, on any device; empty if there is none of that name."""
     if name not in tensors:
         return np.zeros((0, 3))
     tensor = tensors[name]

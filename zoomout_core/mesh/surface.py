@@ -14,7 +14,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zoomout_core.arrays import Booleans, Floats, Integers, to_array
+from zoomout_core.arrays import Booleans, Floats, Integers, fill_masked, to_array
 from zoomout_core.mesh.reconstruction import triangulate_points
 from zoomout_core.mesh.triangles import triangle_areas, unit_vectors, vertex_areas
 from zoomout_core.mesh.triangulation import triangulate
@@ -24,6 +24,8 @@ from zoomout_core.runtime.summary import Summary
 
 # Larger coordinates overflow when areas are squared.
 LARGEST_COORDINATE = 1e75
+# Areas of meshes of a smaller extent vanish when they are squared.
+SMALLEST_EXTENT = 1e-75
 # A vertex this many times as far away as the median vertex cannot share faces with the others: compared with these
 # faces, all others would vanish in rounding. The second number is how many face corners the median is taken of.
 FARTHEST, MANY = 1e6, 10_000
@@ -155,6 +157,9 @@ class Surface(Summary):
         )
         self._edges = None if edges is None else _check_edges(edges, len(self.vertices))
         if not self.area > 0:
+            extent = np.ptp(self.vertices[corner_vertex], axis=0).max()
+            if 0 < extent < SMALLEST_EXTENT:
+                raise MeshError("The mesh has an extent of only {extent:.0e}: scale it up.", extent=extent)
             raise MeshError("The mesh has no area because all of its faces are degenerate: repair them.")
         self._check_rounding()
 
@@ -334,9 +339,9 @@ def vertex_numbers(numbers: ArrayLike, count: int, what: str) -> Integers:
 
 def _check_points(points: ArrayLike) -> Floats:
     try:
-        if isinstance(points, np.ndarray) and points.dtype.kind == "c":
+        if isinstance(points, np.ndarray) and points.dtype.kind in "cmM":  # complex numbers, durations and dates
             raise TypeError
-        array = np.array(points, dtype=np.float64)
+        array = np.array(fill_masked(points), dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
         raise MeshError("Positions must be numbers, three for each vertex.") from None
     if array.ndim != 2 or array.shape[1] != 3:
@@ -365,7 +370,7 @@ def _corners(faces: ArrayLike | Sequence[Sequence[int]]) -> tuple[Integers, Inte
 def _whole_numbers(numbers: ArrayLike) -> Integers:
     """Numbers of elements as integers; integral floats, as some files and programs have, are accepted."""
     try:
-        array = np.asarray(numbers)
+        array = np.asarray(fill_masked(numbers))
     except ValueError:  # rows of different lengths
         array = np.full(1, np.nan)
     whole = array.dtype.kind in "iu" or (

@@ -230,7 +230,7 @@ def _flipped_triangles(vertices: Floats, triangles: Integers, sides: Sides) -> B
 
 
 def _wind_alike(m: int, left: Indices, right: Indices, agree: Booleans) -> tuple[Booleans, Indices]:
-    """(m,) which of m triangles to flip so that neighbours wind alike, and (m,) the number of each one's patch.
+    """(m,) which of m triangles to flip so that neighbours have the same winding, and (m,) their patch numbers.
 
     The triangles `left` and `right` (e,) are neighbours, which may already have the same winding (e,). Triangles that
     do form pieces. The orientation double cover has each piece twice, kept and flipped. Neighbours that disagree are

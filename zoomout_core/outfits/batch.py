@@ -218,7 +218,7 @@ def _write_bodies(
     files: AvatarFiles,
     failures: dict[str, str],
 ) -> dict[str, Path]:
-    """Write the body of each file; outfits of the same body share it, and so do avatars."""
+    """Write the body of each file; outfits or avatars with the same body share its file."""
     place = folder / BODIES
     place.mkdir(parents=True, exist_ok=True)
     found, known = dict[str, Path](), dict[tuple[bool, bytes], Path]()

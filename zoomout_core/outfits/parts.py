@@ -29,7 +29,7 @@ OF_WORN = re.compile(
     r"|jeans|shorts|suit|uniform|kimono|underwear|bra\b|panty|sock|stocking|tights|shoe|boot|sandal|heel|glove|hat\b|cap\b"
     r"|helmet|glass|mask|belt|bag|ribbon|scarf|tie\b|necklace|collar|ring\b|accessor|armor|armour|outfit|tail|wing|horn"
 )
-# Words in names of hair, but not of cloth like it, and of what is worn in it or used on it.
+# Words in names of hair, but not of hair-like cloth, of things worn in hair, or of tools for it.
 OF_HAIR = re.compile(
     r"(?<!c)(?<!mo)hair(?!y|less| ?(band|pin|clip|tie|net|bow|ribbon|ornament|accessor|brush|comb|stick|dryer))"
     r"|\bwig\b|braids?\b|bangs\b|ahoge|(pony|pig|twin) ?tail"

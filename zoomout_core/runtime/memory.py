@@ -17,7 +17,7 @@ GROUPS = (
     ("sys/fs/cgroup/memory.max", "sys/fs/cgroup/memory.current"),
     ("sys/fs/cgroup/memory/memory.limit_in_bytes", "sys/fs/cgroup/memory/memory.usage_in_bytes"),
 )
-# Bytes of a node of scipy's search trees, of which there is about one per four points.
+# Bytes of a node of scipy's search trees, which have about one node for every four points.
 TREE_NODE = 72
 
 

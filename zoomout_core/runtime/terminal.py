@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Output on a terminal, into a file or a pipe, in whatever encoding it has."""
+"""Output to a terminal, a file or a pipe, in any encoding."""
 
 from __future__ import annotations
 

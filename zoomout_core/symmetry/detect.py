@@ -26,7 +26,8 @@ from zoomout_core.matching.options import check_count, check_sizes
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 from zoomout_core.matching.preparation.memory_need import check_memory
-from zoomout_core.matching.ranking.rank import Candidate, rank
+from zoomout_core.matching.ranking.candidate import Candidate
+from zoomout_core.matching.ranking.rank import rank
 from zoomout_core.matching.refinement.confidence import Partners, confidence_of
 from zoomout_core.matching.refinement.refine import REFINEMENT, functional_map_by, refine
 from zoomout_core.matching.registration.nonrigid_icp import Fit, fit_nonrigid

@@ -27,7 +27,7 @@ from zoomout_core.transfer.attribute import mean_over_vertices
 Direction: TypeAlias = Literal["left_to_right", "right_to_left", "exchange", "average"]
 # Weight of an element's own value relative to that from the other side, for each direction: on the left and the right.
 OWN_SHARES = {"left_to_right": (1.0, 0.0), "right_to_left": (0.0, 1.0), "exchange": (0.0, 0.0), "average": (0.5, 0.5)}
-# Directions that need two sides, of which one gives and the other receives.
+# Directions from one side to the other, which need a symmetry with two sides.
 ONE_WAY = ("left_to_right", "right_to_left")
 
 

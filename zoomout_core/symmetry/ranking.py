@@ -10,7 +10,8 @@ from scipy.special import expit
 
 from zoomout_core.arrays import Integers
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
-from zoomout_core.matching.ranking.rank import CERTAINTY, Candidate
+from zoomout_core.matching.ranking.candidate import Candidate
+from zoomout_core.matching.ranking.certainty import CERTAINTY
 from zoomout_core.matching.ranking.scores import correlation, map_after_alignment
 from zoomout_core.symmetry.involution import displacement, mean_distance
 from zoomout_core.tuning import Tuning, tuned

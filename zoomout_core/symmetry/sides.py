@@ -127,7 +127,7 @@ def _of_shells(around: Floats, surface_map: SurfaceMap, surface: Surface) -> Flo
 
 
 def leftward(distance: Floats, surface_map: SurfaceMap, surface: Surface, left: Floats) -> float:
-    """How consistently places on the positive side are left of their images: from 1, always, to -1, always right.
+    """How consistently places on the positive side are left of their images: 1 if all are, -1 if all are right of them.
 
     The sign of the distance (n,) from the line distinguishes the sides; `left` (3,) is a unit vector.
     """

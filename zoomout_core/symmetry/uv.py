@@ -67,7 +67,7 @@ def symmetrise_uv(
 
 
 def _at_own_places(before: Floats, mirrored_uv: Floats, losing: Booleans, surface: Surface) -> Floats:
-    """Move each piece of UVs (c, 2) over the winning side to where most of it was before."""
+    """Move each piece of UVs (c, 2) over the winning side to the former place of most of it."""
     own = cut_surface(surface, before)
     island = own.island[surface.corner_face]
     piece = cut_surface(surface, np.column_stack([mirrored_uv, losing])).island[surface.corner_face]

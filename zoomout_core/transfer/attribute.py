@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from zoomout_core.arrays import Booleans, Floats
+from zoomout_core.arrays import Booleans, Floats, fill_masked
 from zoomout_core.mesh.surface import Surface
 
 
@@ -59,7 +59,8 @@ class Attribute:
         name: name shown to the user.
         domain: the elements that have one value each.
         kind: the meaning of the values, which determines how they are mixed.
-        values: (count, ...) array; for WEIGHT a sparse (n, groups) csr_array, for OFFSET (n, keys, 3).
+        values: (count, ...) array; for WEIGHT a sparse (n, groups) csr_array, for OFFSET (n, keys, 3). Masked values
+            become NaN.
         labels: names of the columns, if they have names (vertex groups, shape keys).
         notes: sentences for the user about the origin of the values.
 
@@ -87,12 +88,23 @@ class Attribute:
                     f"The {field} of the attribute '{self.name}' is {given!r:.60}: give a {choice}, such as "
                     f"{choice}.{_member_name(given, enumeration)}."
                 )
+        object.__setattr__(self, "values", fill_masked(self.values))
 
 
 def _member_name(given: object, enumeration: type[Enum]) -> str:
     """The name in an enumeration that equals a text regardless of case, else the first one."""
     names = list(enumeration.__members__)
     return str(given).upper() if str(given).upper() in names else names[0]
+
+
+def element_count(domain: Domain, surface: Surface) -> int:
+    """The number of elements of a surface."""
+    counts = {
+        Domain.POINT: len(surface.vertices),
+        Domain.FACE: len(surface.face_start) - 1,
+        Domain.CORNER: len(surface.corner_vertex),
+    }
+    return len(surface.edges) if domain is Domain.EDGE else counts[domain]
 
 
 def nothing(values: NDArray[Any], count: int) -> NDArray[Any]:

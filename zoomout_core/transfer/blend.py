@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.sparse import csr_array, diags_array
 
-from zoomout_core.arrays import Floats
+from zoomout_core.arrays import Floats, to_floats
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import unit_vectors
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind, is_nothing, mean_over_vertices
@@ -97,7 +97,7 @@ def mask_of(mask: ArrayLike | None, target: Surface) -> Floats:
         ValueError: the mask does not fit the target.
     """
     n = len(target.vertices)
-    values = np.ones(n) if mask is None else np.asarray(mask, dtype=np.float64)
+    values = np.ones(n) if mask is None else to_floats(mask, "A mask")
     if values.shape != (n,) or not ((values >= 0) & (values <= 1)).all():
         raise ValueError(f"A mask must have a number from 0 to 1 for each of the target's {n} vertices.")
     return values

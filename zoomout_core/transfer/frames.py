@@ -155,16 +155,17 @@ class Frames:
         blend, share = size * self.turns, np.ones(len(side))
         around, deviation = _similarities(wide.smooth(moments), side)
         whole, deviation_of_whole = self._whole
+        large_turn, kept = without_small_turn(whole[0])
         for linear, sides, missed in (
             (around, side, deviation),
-            (without_small_turn(whole[0])[None], self._side_of_most, deviation_of_whole),
+            (large_turn[None], self._side_of_most, deviation_of_whole),
         ):
             share = share * (side == sides) * _fitting(missed, noise)
             blend = blend + share[:, None, None] * (linear - blend)
         lengths = np.linalg.norm(blend, axis=(1, 2)) / np.sqrt(3)
         if self.is_face:
-            share = (side == self._side_of_most) * (1 - _kept_share(whole[0]))
-            blend = blend + share[:, None, None] * (without_small_turn(whole[0]) - blend)
+            share = (side == self._side_of_most) * (1 - kept)
+            blend = blend + share[:, None, None] * (large_turn - blend)
         lengths = np.clip(lengths, 1 / MAX_RELATIVE_GROWTH, MAX_RELATIVE_GROWTH)
         turns = lengths[:, None, None] / size * nearest_rotations(blend, side)
         return np.asarray(turns[self._beside])
@@ -268,27 +269,22 @@ class Frames:
         return ScreenedSmoothing.of(self.trust * self.areas, stiffness, FRAMES.smoothing_length)
 
 
-def without_small_turn(linear: Floats) -> Floats:
-    """A similarity's linear part (3, 3) without its rotation, if that is small.
+def without_small_turn(linear: Floats) -> tuple[Floats, float]:
+    """Remove the rotation from a similarity's linear part (3, 3) if it is small.
 
     Two characters stand upright and face forward in their files. Still, the best similarity between their shapes
     rotates by some degrees, because foreheads recede and necks bend. It would rotate the directions of all expressions,
     too.
+
+    Returns the linear part (3, 3), and the share of the rotation, in [0, 1], that it keeps.
     """
     scale = np.cbrt(np.linalg.det(linear))
     if scale <= 0:  # a mirror image
-        return linear
+        return linear, 1.0
     rotation = Rotation.from_matrix(linear / scale)
-    return np.asarray(scale * Rotation.from_rotvec(_kept_share(linear) * rotation.as_rotvec()).as_matrix())
-
-
-def _kept_share(linear: Floats) -> float:
-    """The share, in [0, 1], of the rotation of a similarity's linear part (3, 3) that is not small."""
-    scale = np.cbrt(np.linalg.det(linear))
-    if scale <= 0:  # a mirror image
-        return 1.0
-    angle = np.degrees(Rotation.from_matrix(linear / scale).magnitude())
-    return float(np.clip((angle / FRAMES.same_direction - 1) / (OTHER_DIRECTION - 1), 0, 1))
+    angle = np.degrees(rotation.magnitude())
+    kept = float(np.clip((angle / FRAMES.same_direction - 1) / (OTHER_DIRECTION - 1), 0, 1))
+    return np.asarray(scale * Rotation.from_rotvec(kept * rotation.as_rotvec()).as_matrix()), kept
 
 
 def _similarities(means: Floats, handedness: Floats) -> tuple[Floats, Floats]:

@@ -176,7 +176,7 @@ def _system(working: WorkingMesh, known: Booleans, unknown: Booleans) -> tuple[c
 
 
 def are_small(working: WorkingMesh) -> Booleans:
-    """(c,) which connected components are as small as buttons."""
+    """(c,) which connected components are small, such as buttons."""
     areas = triangle_areas(working.vertices, working.triangles)
     return np.bincount(working.component[working.triangles[:, 0]], areas) < SMALL_PART * areas.sum()
 

@@ -18,7 +18,7 @@ from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.shapes import ShapeLike, as_surface
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.runtime.threads import on_one_blas_thread
-from zoomout_core.transfer.attribute import Attribute, Domain, Kind
+from zoomout_core.transfer.attribute import Attribute, Domain, Kind, element_count
 from zoomout_core.transfer.continuation import extrapolate_map
 from zoomout_core.transfer.edges.transfer_edges import snap_marks, transfer_edges
 from zoomout_core.transfer.finite import with_finite_values
@@ -275,18 +275,16 @@ def _check_values(attribute: Attribute, rule: Rule, source: Surface) -> None:
     needs = f"the kind {attribute.kind.name.lower()} needs {rule.meaning}"
     if issparse(values) != rule.sparse:
         raise MeshError(f"The values of '{name}' are a {type(attribute.values).__name__}, but {needs}.")
-    count = {
-        Domain.POINT: len(source.vertices),
-        Domain.EDGE: len(source.edges),
-        Domain.FACE: len(source.face_start) - 1,
-        Domain.CORNER: len(source.corner_vertex),
-    }[domain]
+    count = element_count(domain, source)
     given, *columns = values.shape or (1,)
     if given != count:
         unit = domain.name.lower()
         raise MeshError(f"'{name}' has {given} values for {count} {unit}s of the source: give one for each.")
     if tuple(columns[1:]) != rule.column or sum(columns[:1]) not in rule.widths or values.dtype.kind not in rule.dtypes:
         raise MeshError(f"'{name}' has values of type {values.dtype} and shape {values.shape}, but {needs}.")
+    labelled = attribute.labels and attribute.kind in (Kind.WEIGHT, Kind.OFFSET)
+    if labelled and columns[:1] != [len(attribute.labels)]:
+        raise MeshError(f"'{name}' has {len(attribute.labels)} labels for {sum(columns[:1])} columns: give one each.")
     if values.dtype.kind == "O" and not all(isinstance(value, str) for value in values.flat):
         raise MeshError(f"'{name}' has values that are not all text, but {needs}.")
     numbers = values.data if rule.sparse else values

@@ -40,7 +40,7 @@ class BodyKeys:
 
 
 def read_body_keys(body: Object) -> BodyKeys | None:
-    """The shape keys of a body; None without keys, or if they are absolute."""
+    """The shape keys of a body; None if there are none, or they are absolute."""
     key = body.data.shape_keys
     if key is None or not key.use_relative or len(key.key_blocks) < 2:
         return None

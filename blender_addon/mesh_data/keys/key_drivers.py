@@ -48,7 +48,7 @@ class Redirected:
 
 
 def partner_armatures(source: Object, target: Object) -> dict[Any, Any]:
-    """An armature that drivers read and the one to be read instead, and likewise their data."""
+    """The armature that drivers read, the one to read instead, and the data of both."""
     return {source: target, source.data: target.data}
 
 

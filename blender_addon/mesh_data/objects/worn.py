@@ -21,7 +21,7 @@ from ..attributes.vertex_groups import read_mask
 from ..keys.shape_keys import read_rest_positions
 from ..matrices import transform_points, world_matrix
 from ..rigs.armatures import armatures_of, bind_like, hang_like, matrix_at_rest, reshape, set_parent, stands_as_modelled
-from ..surfaces.base import read_base_positions, read_target_surface
+from ..surfaces.base_mesh import read_base_positions, read_target_surface
 from ..surfaces.inspection import content_hash
 from ..surfaces.surfaces import VERTEX_PRESERVING, check_evaluated
 from .strands import read_strands, write_strands
@@ -86,17 +86,18 @@ def read_worn(obj: Object, depsgraph: Depsgraph, at_rest: bool, kept: str = "") 
         raise zo.MeshError("'{name}' is neither a mesh nor hair curves: convert it to one of them.", name=obj.name)
     stood = matrix_at_rest(obj) if at_rest else world_matrix(obj)
     has_kept = obj.type == "MESH" and kept in obj.vertex_groups
+    read_shape = _curves if obj.type == "CURVES" else _mesh
     return Worn(
-        obj.name,
-        _curves(obj, depsgraph, at_rest, stood) if obj.type == "CURVES" else _mesh(obj, depsgraph, at_rest, stood),
-        stood,
-        at_rest,
-        obj.parent is not None and obj.parent_type == "BONE",
-        is_hair(obj.name, [slot.material.name for slot in obj.material_slots if slot.material]),
-        obj.type == "MESH",
-        content_of(obj),
-        kept if has_kept else "",
-        read_mask(obj, kept) if has_kept else None,
+        name=obj.name,
+        shape=read_shape(obj, depsgraph, at_rest, stood),
+        stood=stood,
+        at_rest=at_rest,
+        hangs_from_bone=obj.parent is not None and obj.parent_type == "BONE",
+        is_hair=is_hair(obj.name, [slot.material.name for slot in obj.material_slots if slot.material]),
+        takes_keys=obj.type == "MESH",
+        content=content_of(obj),
+        kept=kept if has_kept else "",
+        mask=read_mask(obj, kept) if has_kept else None,
     )
 
 

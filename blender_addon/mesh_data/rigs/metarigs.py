@@ -11,7 +11,7 @@ from .moved_rig import RigBones, copy_rig
 
 
 def metarig_of(context: Context, armature: Object) -> Object | None:
-    """The metarig in the scene that an armature was generated from; None without one, or if Rigify is disabled."""
+    """The metarig in the scene that an armature was generated from; None if there is none, or Rigify is disabled."""
     armatures = (obj for obj in context.scene.objects if obj.type == "ARMATURE")
     return next((obj for obj in armatures if getattr(obj.data, "rigify_target_rig", None) == armature), None)
 

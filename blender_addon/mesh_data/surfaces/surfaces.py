@@ -205,6 +205,10 @@ def _surface(obj: Object, mesh: Mesh, points: np.ndarray, with_edges: Mesh, mirr
         triangle_corners = triangle_corners[:, ::-1]
     face_start = np.append(read_array(mesh.polygons, "loop_start", np.int32), len(mesh.loops))
     with _naming(obj):
+        if not mesh.polygons and obj.original.data.polygons:
+            raise zo.MeshError(
+                "Its modifiers leave no faces: turn them off, or add Realize Instances if they make instances."
+            )
         return zo.Surface.from_corners(
             points,
             _read_corner_vertices(mesh),

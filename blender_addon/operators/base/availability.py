@@ -9,7 +9,7 @@ from ...translations import translated
 
 
 def is_available(operator: type[Operator], reason: str) -> bool:
-    """Whether there is no reason against an operator, in English; its greyed-out button shows the reason."""
+    """Whether an operator can run; otherwise its greyed-out button shows the reason, which is given in English."""
     if reason:
         operator.poll_message_set(translated(reason).removesuffix("."))  # Blender adds one
     return not reason

@@ -12,7 +12,7 @@ from bpy.types import Context, Mesh
 import zoomout_core as zo
 
 from ...jobs import Job
-from ...mesh_data.surfaces.base import keeps_vertices
+from ...mesh_data.surfaces.base_mesh import keeps_vertices
 from ...properties.preferences import prepares_ahead
 from ...scene.selection import source_name
 from ...services.constraints import OF_LANDMARKS
@@ -84,7 +84,7 @@ def advance(context: Context) -> bool:
     try:
         if job is None or job.advance(0):
             return False
-    except zo.MeshError:  # the match will say so
+    except zo.MeshError:  # the match will report it
         return False
     _job = job
     return True

@@ -9,7 +9,7 @@ from zoomout_core.messages import enumeration, message
 
 from ...scene.selection import select_only
 from ...services.matching.collection_match import match_collections_async
-from ...services.transfer import and_others
+from ...services.transfer_report import and_others
 from ...storage import stored_match
 from ..base import activity
 from ..base.availability import is_available

@@ -21,14 +21,14 @@ from zoomout_core.runtime.progress import portion, stage
 from zoomout_core.transfer import map_target
 from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.rigging.poses import distinct_poses, extreme_poses, poses_about
-from zoomout_core.transfer.rigging.rest_pose import PosedTarget, align, find_pose
+from zoomout_core.transfer.rigging.rest_pose import PosedTarget, align, correct_map, find_pose
 from zoomout_core.transfer.rigging.rig import follow_longer_bones, joints_of_bones, note_on_idle_joints
 from zoomout_core.transfer.rigging.skinning import skinning_matrices
 from zoomout_core.transfer.rigging.stretch import check_weights
 from zoomout_core.transfer.rigging.unpose import Rest, unpose
 
 from ... import mesh_data
-from ...adapters import Binding, TransferJob
+from ...adapters import Adapter, Binding, TransferJob, transfer_all
 from ...adapters.shape_keys import ShapeKeyAdapter
 from ...adapters.vertex_groups import WeightAdapter
 from ...jobs import compute
@@ -41,9 +41,9 @@ from .read import Rigged, read_rigged, weights_of_target
 
 # Name of the shape key with the target's original shape.
 POSED_SHAPE = "Posed Shape"
-# Fractions of the progress at which weights are transferred, the target is moved to rest, keys are transferred, and the
-# rig is moved and played.
-READING, TAKING, KEYS, CHECKING, MOVED = 0.6, 0.7, 0.75, 0.8, 0.9
+# Fractions of the progress at which data that is written to any pose is transferred, then weights, the target is moved
+# to rest, keys are transferred, and the rig is moved and played.
+FOUND, READING, TAKING, KEYS, CHECKING, MOVED = 0.3, 0.65, 0.7, 0.75, 0.8, 0.9
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +57,7 @@ class Bound:
         notes: sentences for the user.
         stretched: (n_t,) vertices at edges that stretch too far when the bones rotate.
         rig: the bones of a copy of the armature; None to bind it to the armature itself.
+        match: the match, corrected by the bones if the target is the source's own body.
     """
 
     shape: str
@@ -65,6 +66,7 @@ class Bound:
     notes: tuple[str, ...]
     stretched: Booleans
     rig: MovedRig | None
+    match: stored_match.Match
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +77,7 @@ class MovedRig:
         armature: its name.
         bones: its bones in their new places, in world space.
         motion: (4, 4) the similarity from the place of the source to that of the target.
-        metarig: the metarig that it was generated from, likewise moved; None without.
+        metarig: the metarig that it was generated from, moved in the same way; None if it has none.
     """
 
     armature: str
@@ -98,15 +100,21 @@ class _NamedBones:
 
 
 async def prepare_binding(
-    context: Context, job: TransferJob, weights: WeightAdapter, keys: ShapeKeyAdapter | None, binding: Binding
+    context: Context,
+    job: TransferJob,
+    others: Sequence[Adapter],
+    weights: WeightAdapter,
+    keys: ShapeKeyAdapter | None,
+    binding: Binding,
 ) -> Bound:
     """Find the pose of a target, transfer data from the source at rest, and move the target to rest.
 
     Args:
         context: Blender's.
         job: the transfer.
+        others: further data of the source, which follows the match as the bones correct it.
         weights: the source's vertex groups, which are transferred.
-        keys: the source's shape keys, which are transferred to the target at rest; None for none.
+        keys: the source's shape keys, which are transferred to the target at rest; None to transfer none.
         binding: how to bind the target.
 
     Raises:
@@ -115,7 +123,10 @@ async def prepare_binding(
     pair = job.pair
     check_keys_of_posed(find_mesh(context, pair.target_name), pair.target.vertices)
     rigged = read_rigged(context, pair)
-    posed, job = await compute(partial(_pose, job, rigged, weights))
+    posed, corrected = await compute(partial(_find_pose, job, rigged))
+    with portion(FOUND, READING):
+        await compute(partial(transfer_all, others, job.along(corrected)))
+    job = await compute(partial(_transfer_weights, job, posed, weights))
     own = weights_of_target(context, pair, rigged.bones, weights.weights)
     keeps_shape = binding.shape == "keep_shape" or (binding.shape == "automatic" and posed.pose.is_rest)
     if keeps_shape:
@@ -144,7 +155,7 @@ async def prepare_binding(
         if keys is not None:
             keys.turn(motion[:3, :3])
     shape = "keep_shape" if keeps_shape else "rest_pose"
-    return Bound(shape, pair.target.vertices, rest, (*notes, *of_check), stretched, rig)
+    return Bound(shape, pair.target.vertices, rest, (*notes, *of_check), stretched, rig, corrected)
 
 
 def _notes_on_rest(target: str, bend: float | None, rest: Rest) -> list[Message]:
@@ -170,19 +181,26 @@ def _notes_on_rest(target: str, bend: float | None, rest: Rest) -> list[Message]
     return notes
 
 
-def _pose(job: TransferJob, rigged: Rigged, weights: WeightAdapter) -> tuple[PosedTarget, TransferJob]:
-    """The pose of a target, and the transfer of weights along the map to the source in that pose."""
+def _find_pose(job: TransferJob, rigged: Rigged) -> tuple[PosedTarget, stored_match.Match]:
+    """The pose of a target, and the match that the bones correct."""
     mapped = map_target(job.match, job.pair.source, job.pair.target, job.settings.fill_below)
-    with stage("Finding the pose", 0, READING):
+    with stage("Finding the pose", 0, FOUND):
         posed = find_pose(mapped, rigged.rest, rigged.weights, rigged.bones.parents)
-    if posed.mapped.surface_map is not mapped.surface_map:
-        in_pose = stored_match.StoredMatch(
-            posed.mapped.surface_map, posed.mapped.confidence, (), has_partner=job.match.has_partner
-        )
-        job = job.along(in_pose)
+        corrected = correct_map(mapped, posed, rigged.weights)
+    if corrected is mapped:
+        return posed, job.match
+    return posed, stored_match.along(job.match, corrected.surface_map, corrected.confidence)
+
+
+def _transfer_weights(job: TransferJob, posed: PosedTarget, weights: WeightAdapter) -> TransferJob:
+    """Transfer weights along the map to the source at rest; returns the transfer along that map."""
+    in_pose = stored_match.StoredMatch(
+        posed.mapped.surface_map, posed.mapped.confidence, (), has_partner=job.match.has_partner
+    )
+    job = job.along(in_pose)
     with portion(READING, TAKING):
         weights.transfer(job)
-    return posed, job
+    return job
 
 
 def _at_rest(target: zo.Surface, posed: PosedTarget, weights: csr_array, rigged: Rigged) -> Rest:

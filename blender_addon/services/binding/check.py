@@ -23,6 +23,7 @@ def check_binding(context: Context, source_name: str, target_name: str, binding:
         binding: how to bind it.
         settings: how to transfer its weights.
     """
+    context.view_layer.update()  # a script may have moved objects since
     source, target = find_mesh(context, source_name), find_mesh(context, target_name)
     if binding.move_rig and not moves_vertices(source):
         raise zo.MeshError(

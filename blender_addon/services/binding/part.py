@@ -25,7 +25,7 @@ from zoomout_core.transfer.rules import transfer_along
 from ... import mesh_data
 from ...jobs import compute, run
 from ...mesh_data import Bones, ObjectPair, OutfitBones, RigBones
-from ...scene.pair import find_mesh, writing
+from ...scene.pair import find_mesh, name_of, writing
 from ...scene.stored_pair import stored_pair
 from ...storage.stored_match import Match
 from ..constraints import check_options
@@ -90,7 +90,7 @@ def add_bones(
         TypeError: an option of the match is unknown.
     """
     use = MatchUse(force=force)
-    return run(add_bones_async(context, source.name, target.name, mask_group, use, **match_options))
+    return run(add_bones_async(context, name_of(source), name_of(target), mask_group, use, **match_options))
 
 
 async def add_bones_async(

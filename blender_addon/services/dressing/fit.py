@@ -177,7 +177,7 @@ def _follow_keys(fitting: Fitting, keys: BodyKeys, fit: Fit) -> list[Floats]:
 def _moving_with_skin(
     fitting: Fitting, fit: Fit, numbers: Sequence[int], shapes: Sequence[zo.Surface | zo.Lines]
 ) -> list[Floats | None]:
-    """For the objects of some numbers the degree (n,) to which vertices move with the skin; None without weights."""
+    """For each listed object the degree (n,) to which vertices move with the skin; None if it has no weights."""
     if fitting.weights is None:
         return [None] * len(numbers)
     labels = fitting.bones if fitting.rigs is None else (*fitting.bones, *fitting.rigs.outfit.names)

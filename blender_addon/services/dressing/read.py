@@ -89,7 +89,7 @@ class Fitting:
         target: the same for the target.
         is_body: (n_s,) vertices of the source that are not worn themselves.
         worn: the worn objects.
-        keys: the shape keys of the target that the copies follow; None for none.
+        keys: the shape keys of the target that the copies follow; None if they follow none.
         rigs: the armatures of both, if they differ and the copies are to be bound to the target's.
         weights: the vertex groups of both and of the worn objects, if the copies are to be bound.
         bones: names of the bones that move the target.
@@ -170,7 +170,7 @@ async def read_fitting(
 
 
 def _read_active_keys(body: Object) -> ActiveKeys | None:
-    """The shape keys of a body that are in use; None without any."""
+    """The shape keys of a body that are in use; None if there are none."""
     keys = mesh_data.read_body_keys(body)
     if keys is None or not keys.values.any():
         return None

@@ -6,14 +6,14 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import partial
 
-from bpy.types import Context, Object
+from bpy.types import Context
 
 import zoomout_core as zo
 from zoomout_core.matching.constraints import bend_to_points, landmark_errors
 from zoomout_core.messages import message
 from zoomout_core.runtime.progress import stage
 
-from ...jobs import compute, run
+from ...jobs import compute
 from ...mesh_data import ObjectPair
 from ...scene.landmarks import LandmarkPairs, landmark_pairs, landmarks_fingerprint, landmarks_in_words
 from ...scene.pair import find_mesh, writing
@@ -27,12 +27,12 @@ from . import previews
 MAX_MISS = 0.2
 
 
-def bend_match(context: Context, target: Object) -> str:
+async def bend_match_async(context: Context, target_name: str) -> str:
     """Bend the match stored on a target so that it meets the landmarks that both objects have.
 
     Args:
         context: Blender's; the target and its source are in its scene.
-        target: a matched object, in Object Mode.
+        target_name: name of a matched object, in Object Mode. No Blender data is kept across an `await`.
 
     Returns:
         A sentence for the user.
@@ -41,11 +41,6 @@ def bend_match(context: Context, target: Object) -> str:
         MeshError: there is no valid match, no landmark on both, or the match is too far from one to be bent, so that
             they have to be matched again; nothing was changed.
     """
-    return run(bend_match_async(context, target.name))
-
-
-async def bend_match_async(context: Context, target_name: str) -> str:
-    """`bend_match` as a coroutine, which keeps no Blender data across an `await`."""
     pair, match = await read_stored_match(context, target_name)
     landmarks = landmark_pairs(context, find_mesh(context, pair.source_name), find_mesh(context, target_name))
     if not landmarks.numbers:

@@ -14,8 +14,8 @@ from bpy.types import Mesh
 import zoomout_core as zo
 from zoomout_core.arrays import Bytes, Floats
 from zoomout_core.colors import DARK, LIGHT, place_colors
+from zoomout_core.matching.ranking.candidate import Candidate
 from zoomout_core.matching.ranking.candidate_differences import differences
-from zoomout_core.matching.ranking.rank import Candidate
 from zoomout_core.symmetry.detect import MIN_SYMMETRY_CERTAINTY
 
 from ...jobs import compute

@@ -32,6 +32,7 @@ from ...scene.pair import (
     find_mesh,
     fingerprint_source,
     fingerprint_target,
+    name_of,
 )
 from ...storage.stored_match import StoredMatch
 from ..targets import Write
@@ -60,7 +61,7 @@ def match_collections(
     Raises:
         MeshError: an object cannot be used; nothing was written.
     """
-    return run(match_collections_async(context, source.name, target.name, **options))
+    return run(match_collections_async(context, name_of(source), name_of(target), **options))
 
 
 async def match_collections_async(

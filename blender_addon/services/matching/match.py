@@ -17,7 +17,7 @@ from zoomout_core.runtime.progress import stage
 
 from ...jobs import compute, run
 from ...mesh_data import ObjectPair
-from ...scene.pair import read_pair, writing
+from ...scene.pair import name_of, read_pair, writing
 from ...storage import stored_match
 from ...viewport import preview
 from ..constraints import match_pair, settings_to_store
@@ -41,7 +41,7 @@ def match_objects(context: Context, source: Object, target: Object, **options: A
     Raises:
         MeshError: an object cannot be used; nothing was written.
     """
-    return run(match(context, source.name, target.name, **options))
+    return run(match(context, name_of(source), name_of(target), **options))
 
 
 async def match(context: Context, source_name: str, target_name: str, **options: Any) -> stored_match.Match:

@@ -11,7 +11,6 @@ import zoomout_core as zo
 from zoomout_core.messages import message
 from zoomout_core.runtime.progress import portion
 
-from ...jobs import run
 from ...mesh_data import ObjectPair
 from ...scene.pair import find_mesh, writing
 from ...scene.stored_pair import read_stored_match
@@ -25,22 +24,17 @@ from . import candidates, previews
 MATCHING = 0.7
 
 
-def use_candidate(context: Context, target: Object, place: int) -> zo.MatchResult:
+async def use_candidate_async(context: Context, target_name: str, place: int) -> zo.MatchResult:
     """Replace the match stored on a target by another candidate.
 
     Args:
         context: Blender's; the target and its source are in its scene.
-        target: a matched object.
+        target_name: name of a matched object. No Blender data is kept across an `await`.
         place: index of the candidate in the list, see `stored_candidates.read`.
 
     Raises:
         MeshError: there is no match, or an object was edited since; nothing was written.
     """
-    return run(use_candidate_async(context, target.name, place))
-
-
-async def use_candidate_async(context: Context, target_name: str, place: int) -> zo.MatchResult:
-    """`use_candidate` as a coroutine, which keeps no Blender data across an `await`."""
     target = find_mesh(context, target_name)
     listing = stored_list(target)
     note = message("Candidate {number} of {count} was chosen.", number=place + 1, count=len(listing.candidates))

@@ -22,6 +22,7 @@ from zoomout_core.symmetry.self_map import SelfMap
 from ... import mesh_data
 from ...colors import RED_LENGTH, RED_WEIGHT
 from ...jobs import compute, pause, run
+from ...scene.pair import name_of
 from ...storage import stored_symmetry
 from ...viewport import preview
 from ..matching import previews
@@ -55,7 +56,7 @@ def check_symmetry(
     Raises:
         MeshError: there is no symmetry, or no such key; nothing was written.
     """
-    return run(check_symmetry_async(context, obj.name, check, key, red_length, red_weight))
+    return run(check_symmetry_async(context, name_of(obj), check, key, red_length, red_weight))
 
 
 async def check_symmetry_async(

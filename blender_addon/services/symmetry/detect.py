@@ -15,6 +15,7 @@ from zoomout_core.runtime.progress import stage
 
 from ...jobs import compute, pause, run
 from ...properties.symmetry import AXES
+from ...scene.pair import name_of
 from ...storage import stored_symmetry
 from ..matching import previews
 from ..targets import WRITING
@@ -37,8 +38,9 @@ def detect_symmetry(context: Context, obj: Object, left: str = "X") -> tuple[zo.
 
     Raises:
         MeshError: the mesh cannot be used, or no symmetry was found; nothing was written.
+        ValueError: there is no such axis.
     """
-    return run(detect_symmetry_async(context, obj.name, left))
+    return run(detect_symmetry_async(context, name_of(obj), left))
 
 
 async def detect_symmetry_async(
@@ -48,6 +50,8 @@ async def detect_symmetry_async(
 
     With `show_preview`, pairs are shown if there is no preview.
     """
+    if left not in AXES:
+        raise ValueError(f"left is {left!r}: choose one of {', '.join(AXES)}.")
     surface = stored_symmetry.rest_surface(writable_mesh(context, name))
     found = await compute(partial(zo.detect_symmetry, surface, most=MOST, left=AXES[left]))
     if not found:

@@ -23,6 +23,7 @@ from zoomout_core.transfer import Attribute, Kind
 from ... import mesh_data
 from ...jobs import compute, pause, run
 from ...mesh_data import Layer
+from ...scene.pair import name_of
 from ...storage import stored_symmetry
 from .mesh_access import READING, own_mesh, writable_mesh, writing
 
@@ -51,7 +52,7 @@ def mirror_attributes(
     Raises:
         MeshError: there is no symmetry, or no such data; nothing was written.
     """
-    return run(mirror_attributes_async(context, obj.name, data, direction, uv_layout))
+    return run(mirror_attributes_async(context, name_of(obj), data, direction, uv_layout))
 
 
 async def mirror_attributes_async(
@@ -94,7 +95,7 @@ class _Data:
     Attributes:
         attribute: the values.
         write: writes such values to an object.
-        partner: for materials, the slot of each one's partner on the other side.
+        partner: for each material the slot of its partner on the other side.
     """
 
     attribute: Attribute

@@ -16,6 +16,7 @@ from zoomout_core.symmetry.offsets import symmetrise_offsets
 
 from ... import mesh_data
 from ...jobs import compute, pause, run
+from ...scene.pair import name_of
 from ...storage import stored_symmetry
 from .mesh_access import READING, writable_mesh, writing
 
@@ -34,7 +35,7 @@ def mirror_sculpt(context: Context, obj: Object, direction: Direction = "left_to
     Raises:
         MeshError: there is no symmetry, or no vertex was moved; nothing was written.
     """
-    return run(mirror_sculpt_async(context, obj.name, direction))
+    return run(mirror_sculpt_async(context, name_of(obj), direction))
 
 
 async def mirror_sculpt_async(context: Context, name: str, direction: Direction) -> str:

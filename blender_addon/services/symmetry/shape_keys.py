@@ -23,6 +23,7 @@ from zoomout_core.symmetry.self_map import SelfMap
 from ... import mesh_data
 from ...jobs import compute, pause, run
 from ...mesh_data import ShapeKey
+from ...scene.pair import name_of
 from ...storage import stored_symmetry
 from .mesh_access import READING, own_mesh, writable_mesh, writing
 
@@ -57,7 +58,7 @@ def mirror_shape_key(
     Raises:
         MeshError: there is no symmetry, or no such key; nothing was written.
     """
-    return run(mirror_shape_key_async(context, obj.name, key, mode, direction, blend))
+    return run(mirror_shape_key_async(context, name_of(obj), key, mode, direction, blend))
 
 
 async def mirror_shape_key_async(

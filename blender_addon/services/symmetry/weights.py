@@ -21,6 +21,7 @@ from zoomout_core.transfer.rigging.weights import sum_to_one
 
 from ... import mesh_data
 from ...jobs import compute, pause, run
+from ...scene.pair import name_of
 from ...storage import stored_symmetry
 from .mesh_access import READ, READING, own_mesh, writable_mesh, writing
 
@@ -40,7 +41,7 @@ def symmetrise_weights(context: Context, obj: Object, direction: Direction = "le
     Raises:
         MeshError: there is no symmetry, or there are no such groups; nothing was written.
     """
-    return run(symmetrise_weights_async(context, obj.name, direction, only))
+    return run(symmetrise_weights_async(context, name_of(obj), direction, only))
 
 
 async def symmetrise_weights_async(context: Context, name: str, direction: Direction, only: str = "") -> str:

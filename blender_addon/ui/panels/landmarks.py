@@ -28,7 +28,7 @@ from .sidebar import SidebarPanel, sentences
 
 
 class ZOOMOUT_UL_landmarks(UIList):
-    """Landmarks by number, each with marks that say whether the source and the target have it, or it is proposed."""
+    """Landmarks by number, with icons for whether the source and the target have it, or it is proposed."""
 
     def draw_item(
         self,

@@ -103,7 +103,7 @@ def _describe_targets(context: Context, target: Object | None, others: int) -> s
 
 
 def _name(context: Context, obj: Object | None, share: float = 1.0) -> str:
-    """The name of an object, as far as it fits a share of the column of values; empty for none."""
+    """The name of an object, shortened to a share of the column of values; empty if there is no object."""
     return "" if obj is None else elide(context, obj.name, share * (1 - LABELS))
 
 

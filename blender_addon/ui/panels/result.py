@@ -39,7 +39,7 @@ from .sidebar import (
 
 # From this fraction of either surface's area on, a missing partner is mentioned.
 TOLD = 0.005
-# Names of the panels of candidates and of notes, of which Blender remembers whether they are open.
+# Names of the panels of candidates and notes: Blender remembers by these whether a panel is open.
 CERTAIN, UNCERTAIN, NOTES = "zoomout_candidates_certain", "zoomout_candidates_uncertain", "zoomout_notes"
 # Size of a thumbnail in icons: as high as a button and a label, so that four candidates leave Transfer on a screen of
 # 880 pixels; and its share of the panel's width.
@@ -112,7 +112,7 @@ class ZOOMOUT_PT_result(SidebarPanel, Panel):
 
 
 def _describe_sources(context: Context, stored: dict[str, Any]) -> list[str]:
-    """A sentence about what the target was matched with, unless the row of the source in the panel says it."""
+    """A sentence that names the source of the match, unless the panel shows that source in its row."""
     source, others = likely_source(context), stored_match.others(stored)
     if source is not None and source.name == stored["source"] and not others:
         return []
@@ -178,7 +178,7 @@ def _beside_picture(layout: UILayout, icon: int) -> UILayout:
 
 
 def _likelihood(listing: CandidateList, place: int) -> str:
-    """How likely a candidate is, in a word; the others are at most as likely as the first one leaves it."""
+    """A word for how likely a candidate is; the others share the probability that the first one leaves."""
     first, certainty = listing.candidates[0].certainty, listing.candidates[place].certainty
     probability = certainty if place == 0 else min(certainty, 1 - first)
     return next(word for least, word in WORDS if probability >= least)

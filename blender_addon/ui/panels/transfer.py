@@ -16,7 +16,7 @@ from ...properties.transfer import TransferOptions
 from ...scene.selection import match_source, own_sources
 from ...services.inventory import inventory
 from ...services.preflight import Finding, find_outdated, findings, likely_source, stale
-from ...services.transfer import summary
+from ...services.transfer_report import summary
 from ...storage import stored_match
 from ...storage.stored_report import transfer_report
 from .. import manual

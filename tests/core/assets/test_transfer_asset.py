@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -46,6 +47,13 @@ def bend_points(points: np.ndarray, angle: float) -> np.ndarray:
     return (1 - upper) * points + upper * ((points - joint) @ turn.T + joint)
 
 
+def posed_creature() -> tuple[Asset, samples.Creature, Surface]:
+    """A rigged creature, a mesh of it with another topology, and that in another pose."""
+    source, made = samples.character(2000), samples.creature(1500, 1)
+    made = samples.Creature(made.surface.with_vertices(made.surface.vertices @ samples.UPRIGHT.T), made.directions)
+    return source, made, samples.in_stance(made)
+
+
 @pytest.mark.parametrize("stands", ["as the source", "bent otherwise, elsewhere"])
 def test_target_moves_like_the_source(tmp_path: Path, stands: str) -> None:
     write_tube(tmp_path / "tube.glb", 0.1, bend=0.7, parts=2)
@@ -76,10 +84,21 @@ def test_target_moves_like_the_source(tmp_path: Path, stands: str) -> None:
     np.testing.assert_allclose(keys.values[low, 0, 0], again.skin.rest[low, 1] / 10 / LENGTH, atol=0.05)
 
 
+def test_attributes_follow_the_map_that_the_joints_correct() -> None:
+    source, made, target = posed_creature()
+    assert source.skin is not None
+    heights = Attribute("color", Domain.POINT, Kind.COLOR, np.tile(source.skin.rest[:, 2:], 4))
+    source = replace(source, attributes=(heights,))
+    match = match_at_rest(source, made.surface.vertices + np.array([0, 0, 0.05]))
+    errors = []
+    for kinds in (("color",), ("color", "weights")):
+        found = transfer_asset(source, Asset(target), match, kinds).asset.attributes[0]
+        errors.append(np.median(np.abs(found.values[:, 0] - made.surface.vertices[:, 2])))
+    assert errors[1] < 0.3 * errors[0]
+
+
 def test_limbs_in_another_pose_are_weighted_by_area() -> None:
-    source, made = samples.character(2000), samples.creature(1500, 1)
-    made = samples.Creature(made.surface.with_vertices(made.surface.vertices @ samples.UPRIGHT.T), made.directions)
-    target = samples.in_stance(made)
+    source, made, target = posed_creature()
     limbs = samples.limb_weights(made.directions)[:, 0] < 0.5
     assert limbs.mean() < 0.1 < target.share_of_area(limbs)
     match = match_at_rest(source, made.surface.vertices)

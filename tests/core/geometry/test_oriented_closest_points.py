@@ -34,6 +34,14 @@ def test_closest_point_inside_a_large_triangle_is_exact() -> None:
     assert distance[0] == pytest.approx(0.2)
 
 
+def test_traits_decide_between_layers() -> None:
+    surface = OrientedSurface(SHEETS, CORNERS, np.zeros(4, bool), 0.0, traits=np.array([[0.0], [0.0], [0.1], [0.1]]))
+    places, ups = np.repeat([[0.3, 0.6, 0.01]], 2, axis=0), np.repeat(UP, 2, axis=0)
+    lower, upper = surface.closest(places, ups, traits=np.array([[0.0], [0.1]]))[0]
+    assert lower in (0, 1)
+    assert upper in (2, 3)
+
+
 @pytest.mark.parametrize("unit", [1.0, 1e5])
 def test_queries_find_only_points_of_their_own_group(unit: float) -> None:
     group = np.array([0, 0, 2, 2])

@@ -18,7 +18,7 @@ from zoomout_core import (
 )
 from zoomout_core.maps.functional_map import functional_map_of, vertex_map_of
 from zoomout_core.maps.nearest import MIN_CLUSTERED_PAIRS, nearest, nearest_among
-from zoomout_core.maps.zoomout import SampledBasis
+from zoomout_core.maps.sampled_basis import SampledBasis
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.spectral.eigenbasis import SpectralBasis
 from zoomout_core.spectral.sampling import farthest_points

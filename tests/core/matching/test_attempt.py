@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from zoomout_core.matching.attempt import Attempt, best_of
-from zoomout_core.matching.ranking.rank import Candidate
+from zoomout_core.matching.ranking.candidate import Candidate
 
 PLACES = np.random.default_rng(1).standard_normal((100, 3))
 

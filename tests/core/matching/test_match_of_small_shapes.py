@@ -26,7 +26,7 @@ from zoomout_core.matching.pair import LandmarkError, Pair
 from zoomout_core.matching.preparation import prepare as preparation
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.preparation.proxy import proxy_size
-from zoomout_core.matching.ranking.rank import Candidate
+from zoomout_core.matching.ranking.candidate import Candidate
 from zoomout_core.matching.refinement import dense_map
 from zoomout_core.matching.refinement.confidence import Partners
 from zoomout_core.matching.registration.nonrigid_icp import Fit

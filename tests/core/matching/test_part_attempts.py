@@ -21,7 +21,7 @@ from zoomout_core.matching.hypotheses import collect
 from zoomout_core.matching.options import MatchOptions
 from zoomout_core.matching.partial.part_match import PART_MATCH
 from zoomout_core.matching.partial.region import REGION
-from zoomout_core.matching.ranking.rank import Candidate
+from zoomout_core.matching.ranking.candidate import Candidate
 from zoomout_core.matching.report.notes import OTHER_UNITS
 from zoomout_core.matching.retry import attempt_part, needs_retry, retry
 from zoomout_core.runtime.progress import advance

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
-from zoomout_core.matching.ranking.rank import Candidate
+from zoomout_core.matching.ranking.candidate import Candidate
 from zoomout_core.symmetry import ranking
 from zoomout_core.symmetry.involution import displacement, mean_distance, order_of
 from zoomout_core.symmetry.ranking import SURE_SYMMETRY_CERTAINTY, is_no_part_of_identity, rank_symmetries

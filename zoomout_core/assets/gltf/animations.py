@@ -183,7 +183,7 @@ def _copy_sampler(
 
 
 def keep_copies(made: GLTF2, document: Document, renumbering: Renumbering, buffer: Buffer) -> tuple[str, ...]:
-    """Keep the copies of meshes (EXT_mesh_gpu_instancing) of which the mesh is still on its node; returns notes."""
+    """Keep the copies of meshes (EXT_mesh_gpu_instancing) whose node still has its mesh; returns notes."""
     accessors, lost = _Accessors(document, buffer), False
     for node in made.nodes:
         copies = (node.extensions or {}).get(INSTANCES)

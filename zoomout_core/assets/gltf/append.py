@@ -321,7 +321,7 @@ class _LookCopier(_Copier):
         return row
 
     def _describe_material(self, number: int, row: dict[str, Any]) -> None:
-        """Add what VRM 0 says about a material, which it lists beside the materials."""
+        """Add the properties of a material in VRM 0, which are listed beside the materials."""
         given = list_at(object_at(object_at(self.tree, "extensions"), VRM_0), "materialProperties")
         own = given[number] if is_row(number, given) and isinstance(given[number], dict) else None
         avatar = object_at(object_at(self.made.tree, "extensions"), VRM_0)

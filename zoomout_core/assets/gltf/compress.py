@@ -141,7 +141,7 @@ class _Parts:
         return bytes(self.content)
 
     def primitives(self) -> Iterator[tuple[dict[str, Any], Floats, float]]:
-        """The primitives with triangles, and the lowest corner and the extent of each one's mesh.
+        """The primitives with triangles, and the lowest corner and the extent of their meshes.
 
         The primitives of a mesh are rounded alike, so that they still meet.
         """

@@ -87,7 +87,7 @@ def to_version_1(rows: Tree, made: Tree) -> Tree:
 
 
 def _colliders_of_version_1(rows: Tree) -> tuple[list[Tree], list[Tree]]:
-    """Colliders and their groups, as many as VRM 0 has, as those of VRM 1."""
+    """All colliders and groups of VRM 0, converted to VRM 1."""
     colliders, groups = list[Tree](), list[Tree]()
     for group in rows.get("colliderGroups", []):
         own = [

@@ -54,8 +54,8 @@ class _Change:
         look: the document with its materials in full, if there is one.
         renumbering: the new numbers of nodes, meshes and morph targets.
         files: the images of the written document.
-        lost: names of expressions of which nothing is left.
-        reduced: names of expressions of which a part is left.
+        lost: names of expressions that lost all of their binds.
+        reduced: names of expressions that lost some of their binds.
     """
 
     made: GLTF2
@@ -95,7 +95,7 @@ class _Change:
 def keep_avatar(
     made: GLTF2, document: Document, look: Document | None, renumbering: Renumbering, files: ImageFiles
 ) -> tuple[str, ...]:
-    """Renumber what the extensions of VRM refer to; returns notes on expressions.
+    """Renumber the references in the extensions of VRM; returns notes on expressions.
 
     Args:
         made: the document to write, with its meshes and materials, and the extensions of the document.

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Renumbering:
-    """The new numbers of what a document refers to.
+    """The new numbers of the items of a document.
 
     Attributes:
         nodes: by node with a mesh, the node that has its mesh now.

@@ -22,15 +22,18 @@ from zoomout_core.assets.asset import (
     material_numbers,
     to_rest,
 )
+from zoomout_core.assets.gltf.compress import QUANTIZED
 from zoomout_core.assets.stored_map import StoredMap, stored_map_from
 from zoomout_core.mesh.affine_maps import normalise
-from zoomout_core.mesh.formats.gltf_document import INSTANCES, STORED_MAP, Document
+from zoomout_core.mesh.formats.gltf_document import INSTANCES, PLACE, STORED_MAP, Document
 from zoomout_core.mesh.formats.gltf_scene import FAN, STRIP, TRIANGLES, GltfMesh, Skeleton, read_scene, sparse_weights
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.mesh.triangles import unit_vectors
 from zoomout_core.messages import warning
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 
+# Beginnings of the names of extensions that do not change the shape: of materials, textures, lights and avatars.
+OF_LOOKS = ("KHR_materials_", "KHR_texture_", "EXT_texture_", "MSFT_texture_", "KHR_lights_", "VRM")
 # Rounding difference of two bind matrices, relative to the largest entry.
 SAME = 1e-4
 
@@ -86,6 +89,13 @@ def _omissions(path: Path, document: Document, nodes: Sequence[int]) -> list[str
         found.append(f"{path.name} contains points or lines, which are left out.")
     if any(INSTANCES in (document.gltf.nodes[node].extensions or {}) for node in nodes):
         found.append(f"{path.name} contains copies of meshes ({INSTANCES}), of which only the original is read.")
+    primitives = [each for mesh in meshes for each in mesh.primitives if each.attributes]
+    names = {name for each in primitives for name in vars(each.attributes)}
+    if own := sorted(name for name in names if name.startswith("_") and name != PLACE):
+        found.append(f"{path.name} contains the vertex attributes {', '.join(own)}, which are left out.")
+    needed = {name for name in document.gltf.extensionsRequired or [] if not name.startswith(OF_LOOKS)}
+    if unknown := sorted(needed - {INSTANCES, QUANTIZED}):
+        found.append(f"{path.name} requires {', '.join(unknown)}, which is not read: check the meshes.")
     return found
 
 

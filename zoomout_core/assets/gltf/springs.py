@@ -105,7 +105,7 @@ def _copy_1(given: Tree, copies: Mapping[int, Partner], partners: Mapping[int, P
 
 
 def _copy_0(given: Tree, copies: Mapping[int, Partner], partners: Mapping[int, Partner]) -> Tree:
-    """The copied chains of VRM 0, of which a group lists the roots, with their colliders."""
+    """The copied chains of VRM 0, with their colliders; a group lists the roots of its chains."""
     own: Tree = {}
     groups = objects_at(given, "colliderGroups")
 

@@ -181,7 +181,7 @@ def _pieces(
 
 
 def _lies_on(part: Part, whole: Part) -> bool:
-    """Whether a part has the position of another one, or of a piece of it."""
+    """Whether a part coincides with another one, or with a piece of it."""
     far = SAME_PLACE_DISTANCE * part.size
     offset = part.centre - whole.centre
     return bool(offset @ offset <= (whole.reach + far) ** 2) and part.distance_to(whole) <= far
@@ -190,7 +190,7 @@ def _lies_on(part: Part, whole: Part) -> bool:
 def _onto_pieces(
     part: Part,  # of the target
     normals: Floats,  # (n, 3) of its vertices, on the source
-    pieces: list[int],  # what it lies on
+    pieces: list[int],  # of the source, that it touches
     partner: int | None,  # its partner among them, if it has one
     misfit: Floats,  # (q,) with each of the source's parts
     theirs: Sequence[Part],  # the source's parts

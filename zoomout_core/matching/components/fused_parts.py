@@ -44,7 +44,7 @@ TOLERANCE = 0.001
 SURROUNDINGS = 2.0
 # Weight of normals against positions, in sizes of the part, or in `BODY_MAP_ERROR` where that is smaller.
 NORMAL_WEIGHT = 0.5
-# Ratio of the scale beside a part to the body's map's, at most.
+# Maximum ratio of the map's scale beside a part to that on the body.
 MAX_SCALE = 1.35
 
 

@@ -19,7 +19,7 @@ from zoomout_core.tuning import Tuning, tuned
 # A component whose mean normal is shorter than this encloses nearly all of its volume, which determines its outside.
 # Strands of hair with open ends have 0.01 to 0.07, and either of their sides may face the hull.
 NEARLY_CLOSED = 0.1
-# Samples of a surface and of its hull by which it is known what is outside: glasses get some dozens.
+# Number of samples of a surface and of its hull that find its outer parts: glasses get some dozens.
 OUTSIDE_POINTS = 40_000
 
 

@@ -18,7 +18,7 @@ from zoomout_core.spectral.eigenbasis import working_basis
 MIN_VERTICES = 12
 # A component may be the body if its area is at least this fraction of the largest one's.
 MIN_AREA_FRACTION = 0.4
-# Nonzero eigenvalues by which components are compared, and vertices of the proxies on which they are computed.
+# Number of nonzero eigenvalues that compare components, and of vertices of the proxies that give them.
 COMPARED_EIGENVALUES = 20
 SPECTRUM_VERTICES = 1500
 # Mean difference of log eigenvalues by which a pair may exceed the best one and still be the same body in two poses.

@@ -29,8 +29,7 @@ class OverlapTuning(Tuning, set_by="characters"):
     # Maximum part of a surface's area that does not overlap: it is at most 0.05 on pairs in one pose, and at least
     # 0.18 on all others.
     max_elsewhere: float = tuned(0.06, "1", 0, 1)
-    # A target of which a larger share is nearer than this to the source overlaps a source that has more: a piece in
-    # place.
+    # A target that is nearer than this to the source overlaps it even if the source has more: it is a piece in place.
     lies_on: float = tuned(0.01, "longest extents", 0, 1)
     stays: float = tuned(0.1, "at unit area", 0, 1)  # a map leaves points in place that it moves by less than this
     mostly: float = tuned(0.85, "1", 0, 1)  # a map that leaves more of the area in place leaves all of it in place

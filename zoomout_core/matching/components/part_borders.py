@@ -21,7 +21,7 @@ from zoomout_core.matching.components.parts import Side
 from zoomout_core.mesh.triangles import edge_lengths, unique_edges, vertex_areas
 from zoomout_core.tuning import Tuning, tuned
 
-# Distance from a border, at unit area, up to which labels may change, and the rings that this is at most.
+# Maximum distance from a border, at unit area and in rings, at which labels may change.
 BAND, MAX_RINGS = 0.03, 6
 # The border around a vertex is shorter than this multiple of the root of its area: dearer candidates are not tried.
 MAX_BORDER = 4.0

@@ -25,9 +25,9 @@ from zoomout_core.matching.components.parts import Side
 from zoomout_core.matching.components.similarity_field import SimilarityField
 from zoomout_core.tuning import Tuning, tuned
 
-# Vertices by which a part is registered: at most, and at least.
+# Maximum and minimum number of vertices that register a part.
 MAX_SAMPLES, MIN_SAMPLES = 64, 20
-# Rounds of a registration, at most, and the motion, at unit area, below which most samples have converged.
+# Maximum number of rounds of a registration, and the motion, at unit area, below which most samples have converged.
 ROUNDS, CONVERGED_MOTION = 12, 3e-4
 # Vertices of a part that bends, at most: with half as many, pieces of a suit are too few to be registered.
 BENDING_SAMPLES = 400

@@ -26,7 +26,7 @@ from zoomout_core.spectral.sampling import farthest_points
 
 # Parts of each surface that are paired one to one, the largest first. A mesh with more has debris or strands of hair.
 MAX_PAIRED_PARTS = 300
-# Sample vertices by which parts are compared.
+# Number of sample vertices that compare parts.
 SAMPLES_PER_PART = 32
 # Candidate partners of a part, by distance and size; only these are compared sample by sample.
 CANDIDATE_PARTNERS = 6
@@ -47,7 +47,7 @@ SAME_REGION_DISCOUNT = 0.5
 class Part:
     """A component of a mesh."""
 
-    mesh: WorkingMesh  # of which it is a component
+    mesh: WorkingMesh  # that it is a component of
     vertices: Integers  # (n,) its vertices in the mesh
     triangles: Integers  # (m,) its triangles in the mesh
     points: Floats  # (n, 3) the vertices in the frame in which parts are compared, the source's

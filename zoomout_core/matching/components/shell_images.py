@@ -172,29 +172,28 @@ def map_onto_partner(
     part: Part,  # of the target, its points where the body's map moves them
     partner: int,  # number of its partner
     similarity: Similarities,  # that registers the one with the other
-    scale: float,  # of the body against the source's, by which lengths should change
-    stays: bool,  # whether the body stays in place, and with it a shell that coincides with its partner there
-    normals: Floats,  # (n, 3) of all vertices of the target, where the body's map turns them
+    moved: MovedTarget,  # all of the target
     shells: OrientedSurface,  # of the source
     source: Side,  # that they are shells of
     target: Side,  # that the part is of
 ) -> tuple[Image, float]:
     """A shell's image on its partner by the better of two motions, and the relative change of edge lengths.
 
-    Rigid shells are placed by the similarity, others by the body's map.
+    Rigid shells are placed by the similarity, others by the body's map. If the body stays in place, a shell that
+    coincides with its partner there stays, too. Lengths should change by the scale of the body's motion.
     """
     rest = target.points[part.vertices]
     turned = target.mesh.vertex_normals[part.vertices] @ similarity.rotation[0].T
     edges, _ = unique_edges(part.corners)
-    lengths = scale * np.linalg.norm(rest[edges[:, 0]] - rest[edges[:, 1]], axis=1)
+    lengths = moved.motion.scale * np.linalg.norm(rest[edges[:, 0]] - rest[edges[:, 1]], axis=1)
     tried = []
-    for places, facing in ((part.points, normals[part.vertices]), (similarity(rest[None])[0], turned)):
+    for places, facing in ((part.points, moved.normals[part.vertices]), (similarity(rest[None])[0], turned)):
         image = Image(*shells.closest(places, facing, np.full(len(rest), partner)))
         corners = source.points[source.mesh.triangles[image.triangle]]
         on = np.einsum("nc,ncx->nx", image.barycentric, corners)
         change = np.abs(np.linalg.norm(on[edges[:, 0]] - on[edges[:, 1]], axis=1) - lengths)
         tried.append((image, float(change.sum() / max(lengths.sum(), 1e-300))))
-        if stays and np.median(image.distance) < SHELL_IMAGES.flush:
+        if moved.in_place and np.median(image.distance) < SHELL_IMAGES.flush:
             break
     return min(tried, key=itemgetter(1))
 

@@ -22,7 +22,7 @@ from zoomout_core.tuning import Tuning, tuned
 
 @dataclass(frozen=True)
 class ShellPairTuning(Tuning, set_by="characters"):
-    """Which shells are tried as pairs, and what a pair costs."""
+    """Which pairs of shells are tried, and the cost of a pair."""
 
     rivals: int = tuned(6, "shells", 1, 300)  # candidates, nearest in position and size, to register a shell to
     max_miss: float = tuned(0.3, "sizes of the source's shell", 0, 1)  # maximum residual of the registration of a pair

@@ -117,7 +117,7 @@ def _map_pairs(
     target: Side,
 ) -> int:
     """Move the images of shells onto their partners, in place, with confidence (n,); returns the number of pairs."""
-    points, normals, motion, in_place = moved
+    points, _, motion, in_place = moved
     ours, theirs = target.parts(points), source.parts(source.points)
     # A single shell is a whole body, and cannot be the partner of a piece.
     if min(len(ours), len(theirs)) <= 1:
@@ -131,7 +131,7 @@ def _map_pairs(
     margin = SHELL_IMAGES.cover if in_place else SHELLS.half_distance  # errors of the body's map
     for (i, j), similarity in zip(partners, motions, strict=True):
         part = ours[i]
-        onto, stretch = map_onto_partner(part, j, similarity, motion.scale, in_place, normals, shells, source, target)
+        onto, stretch = map_onto_partner(part, j, similarity, moved, shells, source, target)
         on = onto.distance < np.maximum(SHELLS.beside, image.distance[part.vertices])
         on &= ~find_beyond(image, onto, part, j, component, margin)
         vertices = part.vertices[on]

@@ -136,7 +136,7 @@ def _best_maps(
     sides: tuple[int, ...],
     wanted: Callable[[Integers, Integers], bool] = lambda of_target, of_source: True,
 ) -> list[Hypothesis]:
-    """The distinct maps of pairings that keep best what an isometry keeps, for each of some sides."""
+    """For each of some sides, the distinct maps of pairings that are closest to isometries."""
     tips_source, tips_target = tips_of(source), tips_of(target)
     found = [pairing for pairing in _all_pairings(tips_target, tips_source) if wanted(*pairing)]
     at_source, at_target = tips_source.places.at(source.search.samples), tips_target.places.at(target.search.samples)

@@ -36,12 +36,12 @@ class Hypothesis:
 
 
 def alike(places: Sequence[Floats], tolerance: float) -> Booleans:
-    """(m, m) whether each of m maps is the same as each other one, by the places (s, d) of the images of all samples.
+    """(m, m) which of m maps are the same, by the places (s, d) of the images of all samples.
 
     Their mean squared difference is then at most `tolerance`, as a part of the variance of the first one's places.
     """
-    flat = np.stack([np.ravel(place - place.mean(axis=0)) for place in places]).astype(np.float32)
     means = np.stack([place.mean(axis=0) for place in places])
+    flat = np.stack([np.ravel(place - mean) for place, mean in zip(places, means, strict=True)]).astype(np.float32)
     spread = (flat**2).sum(axis=1)
     shift = ((means[:, None] - means) ** 2).sum(axis=2) * len(places[0])
     distance = spread[:, None] + spread - 2 * flat @ flat.T + shift

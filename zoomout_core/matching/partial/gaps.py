@@ -14,6 +14,9 @@ from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.matching.partial.incomplete_shape import IncompleteShape
 from zoomout_core.mesh.triangles import edge_graph, unique_edges
 
+# Name of the area of the gaps that a finished part leaves on the whole, see `gap_area`.
+GAPS = "gaps"
+
 
 def gap_area(covered: Booleans, cut_distance: Floats, whole: IncompleteShape, near: float) -> float:
     """The area of the whole that is not covered, and nearest to a place where the part has no cut.

@@ -16,7 +16,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components, dijkstra
 
 from zoomout_core.arrays import Booleans, Floats, Integers, segment_sum
-from zoomout_core.maps.zoomout import SampledBasis
+from zoomout_core.maps.sampled_basis import SampledBasis
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 from zoomout_core.mesh.triangles import border_edges, edge_graph
 from zoomout_core.mesh.working_mesh import WorkingMesh
@@ -93,7 +93,7 @@ class IncompleteShape:
 
     @cached_property
     def is_fragment(self) -> bool:
-        """Whether its cuts are so long that a large piece may be missing, not only a hand or the eyes."""
+        """Whether its cuts are long enough for a missing torso or leg, not only for a hand or the eyes."""
         return self._cuts[1] > INCOMPLETE.fragment * np.sqrt(self.shape.basis.areas.sum())
 
     @cached_property

@@ -235,7 +235,7 @@ def _map_cost(places: Integers, region: Region) -> float:
 
 
 def _register(one: _Found | PartCandidate) -> PartCandidate:
-    """A map after its part is registered by it: coarsely at first, and then finely."""
+    """Register the part by a map: coarsely by a map that was found, finely if it is registered already."""
     part, whole = one.region.part, one.region.whole
     start: Floats | None
     if isinstance(one, PartCandidate):
@@ -250,12 +250,12 @@ def _register(one: _Found | PartCandidate) -> PartCandidate:
 
 
 def register_places(places: Integers, region: Region) -> PartCandidate:
-    """A map of places of a part (d_p,), after the part is registered by it, coarsely and then finely."""
+    """Register the part by a map of its places (d_p,), first coarsely, then finely."""
     return _register(_register(_Found(_map_cost(places, region), region, places)))
 
 
 def _fit(registered: RegisteredPart, part: IncompleteShape) -> dict[str, float]:
-    """The scores of a registered part, its fit, of which the lowest is the most likely, and its area on the whole.
+    """The scores of a registered part, its fit (the lowest is the most likely), and its area on the whole.
 
     As evidence on what is up, one minus the mean cosine between an axis along which shapes stand and its image.
     """

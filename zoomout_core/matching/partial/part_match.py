@@ -3,25 +3,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
-from scipy.special import expit
 
 from zoomout_core.arrays import Booleans, Integers
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.maps.zoomout import slanted_sizes
 from zoomout_core.matching.pair import Pair
-from zoomout_core.matching.partial.gaps import gap_area
+from zoomout_core.matching.partial.curvature import CURVATURE, curvature_agreement, curvature_score
+from zoomout_core.matching.partial.gaps import GAPS, gap_area
 from zoomout_core.matching.partial.incomplete_shape import IncompleteShape, at_scale
-from zoomout_core.matching.partial.part_candidates import PartCandidate, images_apart, part_candidates
+from zoomout_core.matching.partial.part_candidates import PartCandidate, part_candidates
 from zoomout_core.matching.partial.part_registration import PART_REGISTRATION, RegisteredPart, register_part
 from zoomout_core.matching.partial.region import REGION, Region, find_regions, is_small
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
-from zoomout_core.matching.ranking.rank import CERTAINTY, Candidate
-from zoomout_core.matching.ranking.scores import EVIDENCE_WEIGHTS, UPRIGHT, Disagreement, correlation, no_disagreement
+from zoomout_core.matching.ranking.candidate import Candidate
+from zoomout_core.matching.ranking.certainty import certainty_of_part
+from zoomout_core.matching.ranking.scores import EVIDENCE_WEIGHTS, UPRIGHT, Disagreement, no_disagreement
 from zoomout_core.matching.refinement.confidence import Partners
 from zoomout_core.matching.registration.correspondences import Surroundings
 from zoomout_core.matching.registration.nonrigid_icp import NONRIGID_SCHEDULE, Fit, Level
@@ -32,23 +33,7 @@ from zoomout_core.tuning import Tuning, tuned
 
 @dataclass(frozen=True)
 class PartMatchTuning(Tuning, set_by="partial"):
-    """When to search for a part, and the certainty of its place; lengths are those of the larger shape at unit area.
-
-    The certainty was fitted to 140 pairs of ten kinds: people, animals, and other species; cuts, holes, missing pieces,
-    small parts, and both cut. Each pair was also used without its right maps, at a quarter of the weight, because these
-    may not be found. In cross-validation over kinds, 30 of 31 maps above 90 % were right, and the other one was off by
-    0.09 on average; of 97 pairs without their right maps, 2 were above 90 %. Without the area of the fit, 26 were above
-    90 %, of which 24 were right: feet fit on hands.
-
-    Curvature was added later, with the other numbers as they were. Its weight and usual value were set on 96 searches:
-    people with missing pieces, cuts, holes, and both cut. Its rate in the certainty was set on 48 searches with other
-    cuts of people and animals, 17 of them single limbs. 23 of their first maps are above 90 %, all of them right (13
-    without curvature); at the rate of the fit, 26 right and 3 wrong ones are. Of 46 searched without their right maps,
-    6 are above 90 % (2 without curvature). On 39 searches that set none of these numbers, the first maps above 90 % are
-    all right, with and without curvature, and 2 of 37 without their right maps are above 90 % either way. The order of
-    the candidates hardly matters: 70 of the 87 first maps are right, with and without curvature. Some of these searches
-    are of two fragments, which are no longer compared by curvature.
-    """
+    """When to search for a part; lengths are those of the larger shape at unit area."""
 
     # Maps of wholes below it are tried as parts. At .8, a person with missing pieces keeps its map as a whole, with a
     # certainty of .88 and an error of 68 (x 1000). As a part it has .96 and 22. The other 27 pairs with cuts, holes and
@@ -66,34 +51,12 @@ class PartMatchTuning(Tuning, set_by="partial"):
     # Number of maps of two fragments as wholes that compete with those found by landmarks.
     as_wholes: int = tuned(3, "maps", 0, 100)
     residual: float = tuned(0.03, "length", 0, 10)  # a place of the part has no partner beyond this distance
-    another_map: float = tuned(0.1, "length", 0, 2)  # mean distance of images above which two maps are rivals
-    rivalry: float = tuned(10.0, "1", 0, 100)  # rate at which the odds of a rival decrease with the lead in score
-    misfit: float = tuned(6.6, "1", -100, 100)  # logarithm of the odds against a map whose fit is 0
-    misfit_rate: float = tuned(2.3, "1", 0, 100)  # rate at which it increases with the fit
-    extent: float = tuned(1.75, "1", 0, 100)  # rate at which it decreases with the logarithm of the area on the whole
     # Lag in score up to which candidates are finished, to compare their curvature: on average 2.3 of 4.4 candidates.
     finished_margin: float = tuned(0.5, "1", 0, 100)
-    curvature: float = tuned(1.0, "1", 0, 100)  # weight in the score of the log of one minus the correlation
-    # Rate at which the log odds of a map decrease with that. At the rate of the fit (2.3), a leg has .95 on the other
-    # leg, and an arm .95 on the other arm; now they have .82 and .84.
-    curvature_rate: float = tuned(0.8, "1", 0, 100)
-    usual_disagreement: float = tuned(0.35, "1", 1e-3, 2)  # one minus the correlation that leaves the score as it is
-    # Rate at which the log odds of a map decrease with the area of the gaps that its part leaves on the whole, beyond
-    # the usual area. A person with a leg on the other leg falls from .94 to .71.
-    gap_rate: float = tuned(20.0, "per area", 0, 1000)
-    # Area of the gaps of right maps: 26 right maps of cut people and animals leave .043 at most. Of six wrong ones, two
-    # leave .146 and .165; the other four leave .03 at most, and are torn or less certain than .62.
-    usual_gaps: float = tuned(0.05, "area", 0, 1)
     near_cut: float = tuned(0.05, "length", 0, 10)  # a part may end where one of its cuts is nearer
 
 
 PART_MATCH = PartMatchTuning()
-# Name of the correlation of mean curvature at the vertices of a finished part with that of their images.
-CURVATURE = "curvature"
-# Name of the area of the gaps that a finished part leaves on the whole, see `gap_area`.
-GAPS = "gaps"
-# Differences of curvature smaller than this share are due to the meshing of the same surface.
-CURVATURE_FLOOR = 0.01
 # The schedules for the map of two fragments, for one that is placed rigidly, and before it. Vertices without a partner
 # are not attracted at all. Even a small weight would pull all of them onto the other fragment, where they hide the true
 # partners.
@@ -167,7 +130,7 @@ def match_part(
     if regions[0].is_everywhere and not are_fragments(pair):
         with portion(0.9, 1.0):
             candidates = _by_curvature(candidates, pair)
-    return [replace(each, certainty=_certainty(each, candidates)) for each in candidates]
+    return [replace(each, certainty=certainty_of_part(each, candidates)) for each in candidates]
 
 
 def _total(candidate: Candidate) -> float:
@@ -183,7 +146,7 @@ def _by_curvature(candidates: Sequence[Candidate], pair: Pair) -> list[Candidate
     known = for_each(lambda one: _finish(one, pair), candidates[:count])
     worst = min((one.scores[CURVATURE] for one in known), default=0.0)
     known += [replace(one, scores=one.scores | {CURVATURE: worst}) for one in candidates[count:]]
-    totals = [_total(one) + _curvature_score(one.scores) for one in known]
+    totals = [_total(one) + curvature_score(one.scores) for one in known]
     scored = (replace(one, scores=one.scores | {"total": total}) for one, total in zip(known, totals, strict=True))
     return sorted(scored, key=_total)
 
@@ -204,25 +167,6 @@ def _finish(candidate: Candidate, pair: Pair) -> Candidate:
     return replace(candidate, part_match=replace(one, finished=finished), scores=scores)
 
 
-def curvature_agreement(registered: RegisteredPart, part: ShapeAnalysis, whole: ShapeAnalysis) -> float:
-    """Correlation between the mean curvature of a part's vertices and that of their images, in [-1, 1].
-
-    Only the finest scale counts, because all limbs are alike on coarse ones. Vertices beyond a cut have no image.
-    """
-    areas = np.where(registered.on_cut, 0, part.basis.areas)
-    finest = slice(-1, None)
-    images = registered.closest.interpolate(whole.vertex_curvature[:, finest])
-    return correlation(part.vertex_curvature[:, finest], images, areas / max(areas.sum(), 1e-300))
-
-
-def _curvature_score(scores: Mapping[str, float]) -> float:
-    """The contribution of the agreement of curvature to the fit, the less the better; 0 if it is unknown."""
-    if CURVATURE not in scores:
-        return 0.0
-    disagreement = max(1 - scores[CURVATURE], 0.0) + CURVATURE_FLOOR
-    return PART_MATCH.curvature * float(np.log(disagreement / PART_MATCH.usual_disagreement))
-
-
 def places_of(candidate: Candidate, pair: Pair) -> Integers:
     """(d_p,) the whole's place for each place of the part, by a map of both shapes of a pair as wholes."""
     part, whole = part_of(pair)
@@ -238,7 +182,7 @@ def _reverse(sample_map: Integers, source: ShapeAnalysis) -> Integers:
 
 @dataclass(frozen=True, eq=False)
 class PartFit:
-    """The map of a pair of which one shape is a part, on the shapes' meshes."""
+    """The map between a part and a whole, on the meshes of both."""
 
     fit: Fit  # from the target's mesh to the source's
     back: SurfaceMap  # from the source's mesh to the target's
@@ -285,7 +229,7 @@ def _on_part(
 
 
 def _candidate(one: PartCandidate, pair: Pair, disagreement: Disagreement, upright: bool) -> Candidate:
-    """The map of a part as one of the pair; how certain it is, its rivals will tell."""
+    """The map of a part as a candidate of the pair; its certainty is computed once all rivals are known."""
     source, target = pair.source_shape, pair.target_shape
     part, whole = part_of(pair)
     bent = one.region.carry(one.registered).positions[part.search.samples]
@@ -301,30 +245,16 @@ def _candidate(one: PartCandidate, pair: Pair, disagreement: Disagreement, uprig
     if upright:
         against |= {UPRIGHT: one.scores[UPRIGHT]}
     total = one.scores["fit"] + sum(EVIDENCE_WEIGHTS[name] * value for name, value in against.items())
-    maps, scores = (functional_map, reverse, sample_map), one.scores | against | {"total": total}
-    return Candidate("one shape as a part of the other", False, False, *maps, None, None, 0.0, scores, one)
-
-
-def _certainty(one: Candidate, found: Sequence[Candidate]) -> float:
-    """Probability that a candidate is right: its share among its rivals, times that of its fit on so much area."""
-    assert one.part_match is not None
-    everywhere = one.part_match.region.is_everywhere
-    rivals, rivalry = 0.0, PART_MATCH.rivalry if everywhere else REGION.rivalry
-    for other in found:
-        if other is one or other.part_match is None:
-            continue
-        if images_apart(one.part_match, other.part_match) > PART_MATCH.another_map:
-            lead = other.scores["total"] - one.scores["total"]
-            rivals += np.exp(-rivalry * np.clip(lead, -CERTAINTY.largest_lead, CERTAINTY.largest_lead))
-    alone = certainty_of_fit(one.scores)
-    if not everywhere:
-        alone = float(expit(-REGION.misfit - REGION.misfit_rate * one.scores["fit"]))
-    return float(alone / (1 + rivals))
-
-
-def certainty_of_fit(scores: Mapping[str, float]) -> float:
-    """Probability that a candidate of these scores is right if it has no rivals."""
-    odds = -PART_MATCH.misfit - PART_MATCH.misfit_rate * scores["fit"]
-    odds -= PART_MATCH.curvature_rate * _curvature_score(scores)
-    odds -= PART_MATCH.gap_rate * max(scores.get(GAPS, 0.0) - PART_MATCH.usual_gaps, 0.0)
-    return float(expit(odds + PART_MATCH.extent * np.log(scores["extent"] + 0.01)))
+    return Candidate(
+        origin="one shape as a part of the other",
+        reverses_orientation=False,
+        mirrored=False,
+        functional_map=functional_map,
+        reverse_functional_map=reverse,
+        sample_map=sample_map,
+        anchors=None,
+        final_anchors=None,
+        certainty=0.0,
+        scores=one.scores | against | {"total": total},
+        part_match=one,
+    )

@@ -25,13 +25,7 @@ from zoomout_core.tuning import Tuning, tuned
 
 @dataclass(frozen=True)
 class RegionTuning(Tuning, set_by="small_parts"):
-    """The size of small parts, the regions of a whole in which they are searched, and the certainty of their places.
-
-    The certainty was fitted to 118 small parts of 14 kinds: hands, feet, heads, arms, paws and tails of people and
-    animals. Each was also used without its right maps, with a quarter of the weight. In cross-validation over kinds, 38
-    of 39 maps above 90 % were right; the other one maps a cat's right paw to its left one. Of 96 parts without their
-    right maps, 4 were above 90 %. With the constants of larger parts, 72 of 74 maps and 22 of 96 parts were.
-    """
+    """The size of small parts, and the regions of a whole in which they are searched."""
 
     # Area of a part, relative to that of the whole, below which regions are searched for it. Hands have 1 to 2 %, feet
     # 2 to 5 %. Heads and arms, 6 to 10 %, are found without regions as well.
@@ -44,11 +38,8 @@ class RegionTuning(Tuning, set_by="small_parts"):
     radius: float = tuned(1.35, "1", 1, 10)  # radius of a region, relative to that extent
     vertices: int = tuned(3000, "vertices", 100, 100_000)  # approximate maximum size of a region's proxy
     functions: int = tuned(10, "eigenfunctions", 2, 1000)  # of a region, which are only needed for its area
-    rivalry: float = tuned(5.3, "1", 0, 100)  # rate at which the odds of a rival decrease with the lead in score
-    misfit: float = tuned(4.65, "1", -100, 100)  # logarithm of the odds against a map whose fit is 0
-    misfit_rate: float = tuned(1.3, "1", 0, 100)  # rate at which it increases with the fit
     # Weight of the certainty of the map of whole shapes, relative to that of a small part. Hands match whole bodies
-    # with a certainty of up to 77 %; bodies as small as hands match parts of others with at most 8 %.
+    # with a certainty of up to 77 %; bodies of the size of hands match parts of others with at most 8 %.
     as_wholes: float = tuned(0.5, "1", 0, 1)
 
 

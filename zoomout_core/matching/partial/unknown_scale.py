@@ -20,10 +20,11 @@ from zoomout_core.matching.partial.part_candidates import (
     register_places,
     rough_candidates,
 )
-from zoomout_core.matching.partial.part_match import certainty_of_fit, match_part
+from zoomout_core.matching.partial.part_match import match_part
 from zoomout_core.matching.partial.region import Region
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
-from zoomout_core.matching.ranking.rank import Candidate
+from zoomout_core.matching.ranking.candidate import Candidate
+from zoomout_core.matching.ranking.certainty import certainty_of_fit
 from zoomout_core.matching.ranking.scores import Disagreement
 from zoomout_core.runtime.progress import portion
 from zoomout_core.runtime.threads import for_each
@@ -126,6 +127,7 @@ class RoughPlace:
     certainty: float  # probability that it is right
     scale: float  # of the part, at which it fits best there
     places: Integers  # (d_p,) the whole's place for each place of the part
+    fit: float  # of the part there, the lower the better
 
 
 def rough_places(part: ShapeAnalysis, whole: ShapeAnalysis, scales: Sequence[float]) -> list[RoughPlace]:
@@ -140,12 +142,13 @@ def rough_places(part: ShapeAnalysis, whole: ShapeAnalysis, scales: Sequence[flo
     def place_at(scale: float) -> RoughPlace:
         region = Region.everywhere(_incomplete(part, scale), there)
         first = rough_candidates([region], sets, UNKNOWN_SCALE.maps_per_scale)[0]
-        return RoughPlace(certainty_of_fit(first.scores), scale * stretch(first), first.places)
+        return RoughPlace(certainty_of_fit(first.scores), scale * stretch(first), first.places, first.scores["fit"])
 
     def fit_scale(rough: RoughPlace) -> RoughPlace:
         region = Region.everywhere(_incomplete(part, rough.scale), there)
         fine = register_places(rough.places, region)
-        return RoughPlace(certainty_of_fit(fine.scores), rough.scale * stretch(fine), fine.places)
+        scale = rough.scale * stretch(fine)
+        return RoughPlace(certainty_of_fit(fine.scores), scale, fine.places, fine.scores["fit"])
 
     with portion(0.0, 0.8):
         found = sorted(for_each(place_at, scales), key=lambda rough: rough.certainty, reverse=True)

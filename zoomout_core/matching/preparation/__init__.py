@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""From a surface to what a match computes on: proxy, basis, samples, features; kept in memory and on disk."""
+"""Prepare a surface for a match: proxy, basis, samples and features, which are cached in memory and on disk."""

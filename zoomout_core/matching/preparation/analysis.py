@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.geometry.closest_points import Neighbourhoods
-from zoomout_core.maps.zoomout import SampledBasis
+from zoomout_core.maps.sampled_basis import SampledBasis
 from zoomout_core.matching.preparation.proxy import Proxy, make_proxy
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.mesh.triangles import edge_graph
@@ -166,7 +166,7 @@ class ShapeAnalysis:
         squashed = smooth / (size + np.maximum(np.median(size, axis=0), FLAT_CURVATURE))
         return np.asarray(squashed - self.basis.areas @ squashed / self.basis.areas.sum())
 
-    @property
+    @cached_property
     def curvature(self) -> Floats:
         """(s, t) the same at the search samples."""
         return self.vertex_curvature[self.search.samples]

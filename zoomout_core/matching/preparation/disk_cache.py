@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from scipy.sparse import csc_array
 
-from zoomout_core.maps.zoomout import SampledBasis
+from zoomout_core.maps.sampled_basis import SampledBasis
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 from zoomout_core.matching.preparation.proxy import Proxy
 from zoomout_core.mesh.working_mesh import WorkingMesh

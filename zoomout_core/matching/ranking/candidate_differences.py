@@ -14,7 +14,7 @@ from zoomout_core.arrays import Floats
 BEST, MIRROR, SIDES, FRONT, AROUND, UPSIDE_DOWN = "BEST", "MIRROR", "SIDES", "FRONT", "AROUND", "UPSIDE_DOWN"
 ARMS, LEGS, LIMBS, TOP, BOTTOM = "ARMS", "LEGS", "LIMBS", "TOP", "BOTTOM"
 
-# One map is a rotation or reflection of another if this share of what it moves follows it.
+# One map is a rotation or reflection of another if that explains this share of the places that it moves.
 MIN_TURNED_SHARE = 0.75
 # Images differ if they are farther apart than this, relative to the diagonal of the first map's images.
 MIN_DIFFERENCE = 0.1

@@ -17,7 +17,8 @@ import numpy as np
 from zoomout_core.arrays import Floats
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
-from zoomout_core.matching.ranking.rank import Candidate, sort_by_certainty
+from zoomout_core.matching.ranking.candidate import Candidate
+from zoomout_core.matching.ranking.certainty import sort_by_certainty
 from zoomout_core.matching.ranking.scores import ENERGY, TORN
 from zoomout_core.matching.refinement.confidence import local_distortion, torn_triangles
 from zoomout_core.matching.refinement.refine import final_size, refine

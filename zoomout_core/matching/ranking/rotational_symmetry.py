@@ -18,7 +18,9 @@ from zoomout_core.arrays import Floats, Integers
 from zoomout_core.geometry.closest_points import SurfaceSearch
 from zoomout_core.maps.zoomout import nearest_samples
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
-from zoomout_core.matching.ranking.rank import CERTAINTY, RANKING, Candidate, with_others
+from zoomout_core.matching.ranking.candidate import Candidate
+from zoomout_core.matching.ranking.certainty import CERTAINTY
+from zoomout_core.matching.ranking.rank import RANKING, with_others
 from zoomout_core.matching.ranking.scores import EVIDENCE_WEIGHTS, Disagreement, total_score
 from zoomout_core.runtime.once import once_per_argument
 
@@ -87,15 +89,9 @@ def with_turned(
 
 
 def likely_turns(candidates: Sequence[Candidate], chosen: int) -> int:
-    """Number of maps, a candidate included, that differ by a symmetry and are at least half as likely as it."""
+    """Number of maps that differ from a candidate by a symmetry, itself included, with half its probability or more."""
     first = candidates[chosen]
     return 1 if first.turns == 1 else sum(one.turns > 1 and 2 * one.certainty >= first.certainty for one in candidates)
-
-
-def certainty_but_for_turns(candidates: Sequence[Candidate]) -> float:
-    """Probability that the first candidate is right up to a rotational symmetry."""
-    first = candidates[0]
-    return first.certainty if first.turns == 1 else sum(one.certainty for one in candidates if one.turns > 1)
 
 
 def _with_evidence(turned: Candidate, best: Candidate, disagreement: Disagreement) -> Candidate:

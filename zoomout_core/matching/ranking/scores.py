@@ -140,7 +140,7 @@ def fit_in_space(
 ) -> dict[str, float]:
     """How well the target, aligned with the source by a map (s_t,) of search samples, fits it.
 
-    Anchors hold the map, at all vertices. A `mirrored` map aligns the target's mirror image.
+    Anchors keep the map in place, at all vertices. A `mirrored` map aligns the target's mirror image.
 
     Returns:
         place: mean distance from the source (0 for a perfect fit);

@@ -27,7 +27,7 @@ class ConfidenceTuning(Tuning, set_by="correspondence"):
     # Expected error at which the confidence is 0.5. At this value half of the vertices are off by more than 0.025, and
     # a fifth by more than 0.05; at half of it these are 0.009 and a fiftieth (36 pairs of five kinds of shapes).
     half_confidence: float = tuned(0.022, "at unit area", 1e-6, 1)
-    # Residual of similarities at which the other indicators hold as they are. If a tenth of the right vertices are
+    # Residual of similarities that leaves the other indicators unchanged. If a tenth of the right vertices are
     # doubtful, 33 % of those that are off by more than 0.1 are trusted with residuals, and 49 % without them (53 pairs
     # of people, animals, gorillas and men, half of which are damaged).
     usual_residual: float = tuned(0.1, "1", 1e-6, 1)

@@ -13,8 +13,8 @@ from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.partial.part_match import PartFit, fit_part
 from zoomout_core.matching.partial.region import is_small
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
+from zoomout_core.matching.ranking.candidate import Candidate
 from zoomout_core.matching.ranking.finished_maps import refine_candidate
-from zoomout_core.matching.ranking.rank import Candidate
 from zoomout_core.matching.refinement.confidence import Partners, confidence_of, partners_by_cycle
 from zoomout_core.matching.refinement.extremity_pins import pin_extremities
 from zoomout_core.matching.refinement.refine import REFINEMENT, functional_map_by, refine
@@ -82,7 +82,16 @@ def _map_of_part(pair: Pair, candidate: Candidate) -> DenseMap:
     there = fit.surface_map
     functional_map = functional_map_by(there, source, target, candidate.functional_map.shape)
     known = found.partners.target
-    confidence, flipped = confidence_of(there, found.back, functional_map, source, target, False, False, known)
+    confidence, flipped = confidence_of(
+        there,
+        found.back,
+        functional_map,
+        source,
+        target,
+        reverses_orientation=False,
+        mirrored=False,
+        has_partner=known,
+    )
     if is_small(source, target):
         confidence, flipped = _confidence_by_part(found, source, target, functional_map.shape)
     # Between the bases of both at unit area, as of all maps.
@@ -99,5 +108,14 @@ def _confidence_by_part(
     """
     there, known = found.fit.surface_map, found.partners.source
     functional_map = functional_map_by(found.back, target, source, size[::-1])
-    of_part, flipped = confidence_of(found.back, there, functional_map, target, source, False, False, known)
+    of_part, flipped = confidence_of(
+        found.back,
+        there,
+        functional_map,
+        target,
+        source,
+        reverses_orientation=False,
+        mirrored=False,
+        has_partner=known,
+    )
     return found.partners.target * there.interpolate(of_part), flipped

@@ -26,7 +26,7 @@ from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.runtime.threads import for_each
 from zoomout_core.tuning import Tuning, tuned
 
-# Goals times candidates that are compared at once, so few that they stay in the processor's cache.
+# Number of goals times candidates in a block of comparisons, which fits into the processor's cache.
 PLACES = 1 << 16
 # Share of the variance that keeps the linear fit around flat patches stable, and number of neighbourhoods that show
 # whether a map preserves orientation.

@@ -22,7 +22,7 @@ from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import edge_lengths, triangle_normals, unique_edges, vertex_areas
 from zoomout_core.tuning import Tuning, tuned
 
-# Edges that are compared at once, so few that they stay in the processor's cache.
+# Number of edges in a block of comparisons, which fits into the processor's cache.
 EDGES = 1 << 12
 # Differences of geodesic distances, at unit area, that do not matter.
 LEVEL = 1e-3

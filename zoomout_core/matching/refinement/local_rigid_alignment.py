@@ -18,7 +18,7 @@ from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.geometry.procrustes import Moments, nearest_rotations, products
 from zoomout_core.maps.anchors import Anchors, coordinates
 from zoomout_core.maps.nearest import nearest
-from zoomout_core.maps.zoomout import SampledBasis
+from zoomout_core.maps.sampled_basis import SampledBasis
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 from zoomout_core.tuning import Tuning, tuned
 
@@ -159,8 +159,10 @@ def _spread_from_body(moments: Floats, reliable: Floats, near: Booleans) -> Floa
     turns[root] = nearest_rotations(moments[root])
     done = np.zeros(len(moments), dtype=bool)
     done[root] = True
+    reached = np.array([root])
     while True:
-        reached = np.flatnonzero(near[:, done].any(axis=1) & ~done)
+        # The relation is symmetric, and neighbours of earlier ones are done.
+        reached = np.flatnonzero(near[reached].any(axis=0) & ~done)
         if not len(reached):
             turns[~done] = nearest_rotations(moments[~done])
             return turns

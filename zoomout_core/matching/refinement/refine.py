@@ -96,7 +96,7 @@ def refine(
     source: ShapeAnalysis,
     target: ShapeAnalysis,
     functional_map: Floats,  # (k_target, k_source) of the candidate
-    anchors: Anchors | None,  # what holds it in place, at all vertices
+    anchors: Anchors | None,  # that keep it in place, at all vertices
     mirrored: bool,  # it maps the target's mirror image
     k_final: int,  # size of the final functional map; less on coarse meshes
     step: int,  # its growth in a round, once the target is aligned with the source

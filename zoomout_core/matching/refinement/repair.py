@@ -40,8 +40,8 @@ class RepairTuning(Tuning, set_by="everywhere"):
     seam: float = tuned(3.0, "1", 1, 100)
     small_patch: float = tuned(0.02, "1", 0, 1)  # patches below this part of their component are filled in
     min_trusted: float = tuned(0.5, "1", 0, 1)  # a component is repaired only if this fraction of its area is not torn
-    # Rounds of filling, as long as something is torn. Between a knight and a heavy man, .60 % of the edges are torn
-    # after one, .27 % after two, .24 % after three, and .22 % after five.
+    # Maximum number of rounds of filling; they end when nothing is torn. Between a knight and a heavy man, .60 % of
+    # the edges are torn after one, .27 % after two, .24 % after three, and .22 % after five.
     rounds: int = tuned(3, "rounds", 1, 100)
     # Longest edge to a vertex that is filled in along with torn ones: on coarse meshes the next vertex is far away.
     around: float = tuned(0.05, "at unit area", 0, 10)

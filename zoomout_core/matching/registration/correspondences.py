@@ -39,10 +39,19 @@ class QueryPoints:
     @classmethod
     def on(cls, shape: ShapeAnalysis, nodes: int) -> QueryPoints:
         """Points for a deformation graph of some number of nodes."""
-        samples = shape.sampled.samples[: min(QUERY_POINTS_PER_NODE * nodes, MAX_QUERY_POINTS)]
-        owner = np.asarray(cKDTree(shape.mesh.vertices[samples]).query(shape.mesh.vertices)[1])
-        areas = shape.basis.areas
-        return cls(samples, segment_sum(areas, owner, len(samples)) / areas.sum())
+        known, count = _query_points(shape), min(QUERY_POINTS_PER_NODE * nodes, MAX_QUERY_POINTS)
+        if count not in known:
+            samples = shape.sampled.samples[:count]
+            owner = np.asarray(cKDTree(shape.mesh.vertices[samples]).query(shape.mesh.vertices)[1])
+            areas = shape.basis.areas
+            known[count] = cls(samples, segment_sum(areas, owner, len(samples)) / areas.sum())
+        return known[count]
+
+
+@once_per_argument
+def _query_points(_shape: ShapeAnalysis) -> dict[int, QueryPoints]:
+    """The query points of a shape that are known, by their number: levels and both directions use the same ones."""
+    return {}
 
 
 @dataclass(frozen=True, eq=False)

@@ -100,7 +100,7 @@ class DeformationGraph:
 
     nodes: Nodes
     rest: Floats  # (n, 3) the target's vertices, mirrored if the map mirrors
-    normals: Floats  # (n, 3) its normals, likewise
+    normals: Floats  # (n, 3) its normals, as well
     rotations: Floats  # (d, 3, 3) of the nodes
     images: Floats  # (d, 3) positions of the nodes
     stride: Floats  # (d, 6) the last step towards closest points: rotation vectors and translations
@@ -236,9 +236,19 @@ def _normal_equations(parts: list[_Rows], place: Integers) -> tuple[SingleFloats
     goal = np.concatenate([part.goal.ravel() for part in parts], dtype=np.float32)
     start = np.concatenate([[0], np.cumsum(width)])
     jacobian = bsr_array((blocks, node, start), shape=(3 * len(width), 6 * len(place)))
-    matrix = (jacobian.T @ jacobian).tocoo()
-    below = matrix.row - matrix.col
-    lower = below >= 0
-    diagonals = np.zeros((below.max() + 1, 6 * len(place)), dtype=np.float32, order="F")
-    diagonals[below[lower], matrix.col[lower]] = matrix.data[lower]
-    return diagonals, jacobian.T @ goal
+    transpose = jacobian.T
+    return _lower_diagonals(transpose @ jacobian), transpose @ goal
+
+
+def _lower_diagonals(matrix: bsr_array) -> SingleFloats:
+    """(b, n) the diagonal of a symmetric matrix (n, n) of square blocks, and those below it."""
+    size = matrix.blocksize[0]
+    block_row = np.repeat(np.arange(len(matrix.indptr) - 1), np.diff(matrix.indptr))
+    lower = np.flatnonzero(block_row >= matrix.indices)
+    within = np.arange(size)
+    row = size * block_row[lower, None, None] + within[:, None]
+    column = size * matrix.indices[lower, None, None] + within
+    below = np.abs(row - column)  # blocks on the diagonal have each of their entries twice
+    diagonals = np.zeros((below.max() + 1, matrix.shape[0]), dtype=np.float32, order="F")
+    diagonals[below, np.minimum(row, column)] = matrix.data[lower]
+    return diagonals

@@ -9,8 +9,9 @@ import numpy as np
 
 from zoomout_core.arrays import Floats
 from zoomout_core.matching.pair import Pair
-from zoomout_core.matching.ranking.rank import Candidate
-from zoomout_core.matching.ranking.rotational_symmetry import certainty_but_for_turns, likely_turns
+from zoomout_core.matching.ranking.candidate import Candidate
+from zoomout_core.matching.ranking.certainty import certainty_but_for_turns
+from zoomout_core.matching.ranking.rotational_symmetry import likely_turns
 from zoomout_core.matching.refinement.confidence import Partners
 from zoomout_core.matching.report.verdict import VERDICT, Verdict
 from zoomout_core.mesh.surface import PointCloud, Surface

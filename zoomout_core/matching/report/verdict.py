@@ -80,7 +80,7 @@ class VerdictTuning(Tuning, set_by="everywhere"):
     # The same, if what arrives counts by its confidence. On characters of many parts, maps that are wrong there but
     # otherwise green have parts with .11 and .16. Right maps have .13 once, and otherwise at least .24.
     trusted: float = tuned(0.2, "1", 0, 1)
-    visible: float = tuned(0.001, "1", 0, 1)  # smaller shares of the outside are not asked for
+    visible: float = tuned(0.001, "1", 0, 1)  # smaller shares of the outside may be missing
 
 
 VERDICT = VerdictTuning()

@@ -286,7 +286,7 @@ def _read_with_trimesh(
     Args:
         path: the file.
         content: its content, if it was read already.
-        ending: the extension that stands for its format.
+        ending: the file extension of its format.
         files: contents of the files that it names, and that are needed; it reads no others.
     """
     ending = ending or path.suffix.lower()

@@ -285,6 +285,8 @@ def local_matrix(node: Any) -> Floats:
         return np.asarray(node.matrix, dtype=np.float64).reshape(4, 4).T
     from scipy.spatial.transform import Rotation
 
+    if node.rotation and not any(node.rotation):
+        raise FormatError("the rotation of a node is 0, 0, 0, 0")
     matrix = np.eye(4)
     matrix[:3, :3] = Rotation.from_quat(node.rotation or [0, 0, 0, 1]).as_matrix() * (node.scale or [1, 1, 1])
     matrix[:3, 3] = node.translation or [0, 0, 0]

@@ -125,7 +125,7 @@ def _mesh(document: Document, number: int) -> GltfMesh:
     primitives = [
         each
         for each in mesh.primitives
-        if each.mode in (None, TRIANGLES, STRIP, FAN) and each.attributes.POSITION is not None
+        if each.mode in (None, TRIANGLES, STRIP, FAN) and each.attributes and each.attributes.POSITION is not None
     ]
     attributes = [
         {name: document.array(at) for name, at in vars(each.attributes).items() if isinstance(at, int)}
@@ -227,13 +227,13 @@ def _triangles(document: Document, primitive: Primitive, count: int) -> Integers
 def _influences(rows: dict[str, Floats]) -> tuple[Integers, Floats, Booleans]:
     """(n, s) joints and (n, s) weights of all sets, the largest first; joints without weight are 0.
 
-    If all weights of a vertex are zero, which glTF leaves undefined, its first joint gets a weight of one, as in
-    Blender's importer. The last array (n,) marks these vertices.
+    If all weights of a vertex are zero or missing, which glTF leaves undefined, its first joint gets a weight of one,
+    as in Blender's importer. The last array (n,) marks these vertices.
     """
-    count = len(rows["POSITION"])
-    sets = [number for number in range(len(rows)) if f"JOINTS_{number}" in rows and f"WEIGHTS_{number}" in rows]
-    joint = np.hstack([np.zeros((count, 0)), *(rows[f"JOINTS_{number}"] for number in sets)]).astype(int)
-    weight = np.hstack([np.zeros((count, 0)), *(rows[f"WEIGHTS_{number}"] for number in sets)])
+    none = np.zeros((len(rows["POSITION"]), 4))
+    sets = [number for number in range(len(rows)) if f"JOINTS_{number}" in rows]
+    joint = np.hstack([none[:, :0], *(rows[f"JOINTS_{number}"] for number in sets)]).astype(int)
+    weight = np.nan_to_num(np.hstack([none[:, :0], *(rows.get(f"WEIGHTS_{number}", none) for number in sets)]))
     bare = (weight <= 0).all(axis=1) & bool(sets)
     weight[bare, :1] = 1
     order = np.lexsort((joint, -weight)) if sets else np.zeros_like(joint)

@@ -31,7 +31,7 @@ from zoomout_core.runtime.input_files import FormatError
 
 # Elements that a file may have in memory, if its own bytes are fewer: nodes may share meshes, and primitives accessors.
 MAX_ELEMENTS = 1 << 25
-# Parts that a file may have, each of which takes a millisecond to read.
+# Maximum number of parts of a file: each takes a millisecond to read.
 MAX_PARTS = 100_000
 
 

@@ -37,7 +37,7 @@ def read_with_meshio(path: Path) -> Polygons:
 
     _check_files(path)
     try:
-        # It prints what it misses, which would spoil the output of a command, and exits as if from its own one.
+        # It prints its complaints, which would spoil a command's output, and then exits like its own command.
         with _bounded_decompression(path), redirect_stdout(StringIO()), redirect_stderr(StringIO()):
             mesh = meshio.read(path)
     except SystemExit as error:

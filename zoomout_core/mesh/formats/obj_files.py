@@ -24,6 +24,7 @@ class ObjFile:
         face_materials: for each face an index into the materials, -1 for none.
         materials: names of the materials that are used, each once.
         libraries: names of .mtl files.
+        loose_lines: lines of points and polylines.
     """
 
     position_lines: list[str] = field(default_factory=list)
@@ -34,6 +35,7 @@ class ObjFile:
     face_materials: list[int] = field(default_factory=list)
     materials: list[str] = field(default_factory=list)
     libraries: list[str] = field(default_factory=list)
+    loose_lines: list[str] = field(default_factory=list)
 
     def polygons(self) -> tuple[Floats, Integers, Integers]:
         """(n, 3) positions, (c,) the vertex of each corner, and (f + 1,) the first corner of each face.
@@ -78,6 +80,8 @@ def parse_obj(content: bytes) -> ObjFile:
             found.coordinate_lines.append(line)
         elif keyword == "usemtl":
             material = numbers.setdefault(" ".join(line.split()[1:]), len(numbers))
+        elif keyword in ("p", "l"):
+            found.loose_lines.append(line)
         elif keyword == "mtllib":
             found.libraries.append(" ".join(line.split()[1:]))
     found.materials.extend(numbers)

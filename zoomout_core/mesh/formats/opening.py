@@ -18,6 +18,8 @@ SHOWN = 60
 def existing(path: str | PathLike[str]) -> Path:
     """The path of an existing file, else a MeshError."""
     check_path(path)
+    if not str(path):
+        raise MeshError("The name of the file is empty: give its path.")
     path = Path(path)
     if path.is_file():
         return path

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
@@ -42,8 +42,26 @@ class _Element:
 def ply_polygons(columns: Mapping[str, PlyColumns]) -> tuple[Floats, Integers, Integers]:
     """(n, 3) positions, (c,) the vertex of each corner, (f + 1,) the first corner of each face, from `ply_columns`."""
     vertices = np.stack([np.array(columns["vertex"][axis], dtype=np.float64) for axis in "xyz"], axis=1)
-    face = columns.get("face", {})
-    return vertices, *flatten(face.get("vertex_indices", face.get("vertex_index", [])))
+    faces = _lists(columns, "face")
+    return vertices, *flatten([*faces, *strip_triangles(_lists(columns, "tristrips"))])
+
+
+def _lists(columns: Mapping[str, PlyColumns], element: str) -> Any:
+    """The lists of vertex numbers of an element."""
+    found = columns.get(element, {})
+    return found.get("vertex_indices", found.get("vertex_index", []))
+
+
+def strip_triangles(strips: Iterable[Any]) -> Integers:
+    """(m, 3) triangles of strips of vertex numbers, in which -1 begins another strip; without degenerate ones."""
+    corners = np.concatenate([np.full(3, -1), *(np.append(strip, -1) for strip in strips)]).astype(np.int64)
+    place = np.arange(len(corners))
+    since = place - np.maximum.accumulate(np.where(corners < 0, place + 1, 0))  # the first of a strip is 0
+    triangles = np.stack([corners[:-2], corners[1:-1], corners[2:]], axis=1)
+    odd = since[: len(triangles)] % 2 == 1
+    triangles[odd] = triangles[odd][:, [1, 0, 2]]
+    first, second, third = triangles.T
+    return triangles[(triangles >= 0).all(axis=1) & (first != second) & (second != third) & (third != first)]
 
 
 def ply_normals(vertex_columns: PlyColumns) -> Floats | None:

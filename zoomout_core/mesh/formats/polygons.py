@@ -26,7 +26,7 @@ def join(parts: Iterable[Faces]) -> Polygons:
 
 
 def reverse_winding(corners: Integers, sizes: Integers) -> Integers:
-    """(c,) the corners of faces, of which each has a number of corners (f,), in reverse order."""
+    """(c,) corners, reversed within each face; the sizes (f,) are the numbers of corners of the faces."""
     start = np.cumsum(sizes) - sizes
     place = np.arange(len(corners)) - np.repeat(start, sizes)
     return np.asarray(corners[np.repeat(start + sizes - 1, sizes) - place])

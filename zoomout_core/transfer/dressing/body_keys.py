@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.sparse import csr_array
 
-from zoomout_core.arrays import Floats
+from zoomout_core.arrays import Floats, to_floats
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.runtime.progress import Progress, advance, listening, stage
@@ -80,7 +80,7 @@ def follow_keys(
         >>> of_cloth.shape == wider.shape
         True
     """
-    keys, unit = np.asarray(offsets, dtype=np.float64), float(np.sqrt(body.area))
+    keys, unit = to_floats(offsets, "Offsets"), float(np.sqrt(body.area))
     if keys.ndim != 3 or keys.shape[::2] != body.vertices.shape or not np.isfinite(keys).all():
         raise ValueError(
             f"offsets are of the shape {keys.shape}, or not finite: give finite ones ({len(body.vertices)}, keys, 3)."

@@ -389,6 +389,8 @@ def _stretched_points(form: Form, motion: Motion, positions: Floats) -> Booleans
 
 
 def _check(carried: Sequence[Carried], manners: Sequence[Manner] | None, stiffness: float, gap: float) -> None:
+    if not (isinstance(carried, Sequence) and all(isinstance(each, Surface | Lines) for each in carried)):
+        raise TypeError("What is fitted must be a list of surfaces or lines.")
     if not len(carried):
         raise ValueError("There is nothing to fit: give at least one surface or set of lines.")
     if manners is not None and (len(manners) != len(carried) or not set(manners) <= set(get_args(Manner))):

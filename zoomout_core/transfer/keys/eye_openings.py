@@ -27,7 +27,7 @@ PIXELS = 96  # along a side of the square
 SLIT = 5  # pixels: narrower ends of openings depend on the triangles, and are filled in
 MIN_COLUMNS = 12  # of an opening
 SMOOTHING = 1.5  # of the rims, in pixels
-MAX_RATIO = 2.5  # of the areas of the openings of two persons
+MAX_RATIO = 4.0  # of the areas of the openings of two persons: eyes that are nearly closed are as low as a third
 
 
 @dataclass(frozen=True, eq=False)

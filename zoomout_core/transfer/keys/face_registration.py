@@ -9,8 +9,8 @@ deformed until it coincides with the target. Its displacement u minimises the be
 
 where L is the stiffness, A the areas, q the closest points with similar normals, and P weighs distances along the
 surface less than those across it (Chen and Medioni 1992). Normals distinguish lips and lids whose surfaces face
-each other. Closest points slide along the rims of lids and lips. Rims that are visible from the front are therefore
-also attracted by those of the target's eyes and mouth.
+each other, and sides of the mouth those lips that overlap. Closest points slide along the rims of lids and lips. Rims
+that are visible from the front are therefore also attracted by those of the target's eyes and mouth.
 
 Other parts that keys move are registered by themselves, such as gums with a tongue. Lashes follow the skin instead.
 """
@@ -38,7 +38,14 @@ from zoomout_core.transfer.frames import on_working_mesh
 from zoomout_core.transfer.keys.eye_openings import find_eye_opening, match_rims
 from zoomout_core.transfer.keys.head_directions import HeadDirections
 from zoomout_core.transfer.keys.lash_images import attach_lashes
-from zoomout_core.transfer.keys.mouth_line import find_lips, find_mouth_line, match_lips
+from zoomout_core.transfer.keys.mouth_line import (
+    MAX_RATIO,
+    MouthLine,
+    find_lips,
+    find_mouth_line,
+    match_lips,
+    sides_of_mouth,
+)
 from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.tuning import Tuning, tuned
 
@@ -48,13 +55,14 @@ class FaceRegistrationTuning(Tuning, set_by="faces"):
     """How the face of a source is deformed. All lengths are relative to the square root of its area, about 25 cm.
 
     Attributes:
-        bending: factor of the bending energy in each round. The first rounds align features above about 8 mm, the last
-            ones those above 2 mm. Three rounds each of 1e-6, 1e-7 and 1e-9 give the same errors of keys, but tear three
-            times as many edges of a voxel skin with closed lips.
+        bending: factor of the bending energy in each round. The first rounds align features above about 14 mm, the last
+            ones those above 1 mm. Three rounds that end at 1e-8 give the same errors of keys, but tear a half more
+            edges.
         first_bending: factor of the bending energy of the deformation that the map implies. It smooths the map's
             errors over 2 cm.
         normal_weight: distance equivalent to a unit difference of normals in the search for closest points. Larger
             values align bumps and folds that two persons do not share. Half of it matches lids better and lips worse.
+        side_weight: distance equivalent to a unit difference of the sides of the mouth in that search.
         rim_weight: weight of the attraction between a vertex on the rim of a lid or lip and the corresponding place on
             the target. Five times as much gives similar errors on the heads used for tuning, but enlarges the largest
             gap between lids by a sixth.
@@ -62,9 +70,10 @@ class FaceRegistrationTuning(Tuning, set_by="faces"):
         moved: the face consists of the vertices that keys move by more than this share of the largest motion.
     """
 
-    bending: tuple[float, ...] = tuned((1e-6, 1e-8, 1e-8), "at unit area", 1e-12, 1)
+    bending: tuple[float, ...] = tuned((1e-5, 1e-7, 1e-9, 1e-10), "at unit area", 1e-12, 1)
     first_bending: float = tuned(1e-4, "at unit area", 1e-12, 1)
     normal_weight: float = tuned(0.05, "at unit area", 0, 10)
+    side_weight: float = tuned(0.05, "at unit area", 0, 10)
     rim_weight: float = tuned(4.0, "mean areas of vertices", 0, 1000)
     iterations: int = tuned(15, "steps", 1, 1000)
     moved: float = tuned(0.02, "1", 0, 1)
@@ -101,7 +110,7 @@ def register_face(offsets: Floats, expressions: list[Floats], mapped: MappedTarg
     face = _Piece.of(moved, skin, mapped)
     if face is None:
         return mapped
-    registered = face.replace_images(mapped, face.register(_Face.of(face, expressions).match_rims()))
+    registered = face.register(mapped, _Face.of(face, expressions).guides())
     if registered is None:
         return mapped
     blinks = on_working_mesh(source, np.maximum(*(row_norms(each) for each in expressions[:2])))
@@ -110,7 +119,7 @@ def register_face(offsets: Floats, expressions: list[Floats], mapped: MappedTarg
     for component in np.flatnonzero(counts >= MIN_VERTICES):
         piece = _Piece.of(moved, int(component), mapped)
         if piece is not None:
-            registered = piece.replace_images(registered, piece.register(_Pins.none(piece.mesh))) or registered
+            registered = piece.register(registered, _Guides.none(piece)) or registered
     return attach_lashes(closing, skin, registered)
 
 
@@ -157,9 +166,9 @@ class _Piece:
         places = procrustes(own, images @ mesh.vertices)(own)
         return cls(mesh, vertices, places, renumbered[target.oriented_triangles[kept]], images)
 
-    def replace_images(self, mapped: MappedTarget, moved: Floats) -> MappedTarget | None:
-        """The target with images on the source's part with moved vertices (n, 3); None if these differ too much."""
-        triangle, barycentric, found = self.locate(moved)
+    def register(self, mapped: MappedTarget, guides: _Guides) -> MappedTarget | None:
+        """The target with images on the deformed part of the source; None if this differs too much."""
+        triangle, barycentric, found = self.locate(self.deform(guides), guides)
         if self.areas @ found < MIN_REGISTERED * self.areas.sum():
             return None
         number = np.full(len(mapped.target.working.vertices), -1)
@@ -198,19 +207,19 @@ class _Piece:
         factors = factorise(csc_array(bending + weighted @ self.images))
         return np.asarray(factors.solve(np.asfortranarray(weighted @ missed)))
 
-    def register(self, pins: _Pins) -> Floats:
+    def deform(self, guides: _Guides) -> Floats:
         """Positions (n, 3) of the vertices on the target."""
-        mesh, displacement = self.mesh, self.first_displacement
+        mesh, displacement, pins = self.mesh, self.first_displacement, guides.pins
         energy, areas = self._energy_and_areas
         unflipped = np.zeros(len(self.triangles), dtype=bool)
-        there = OrientedSurface(self.places, self.triangles, unflipped, FACE_REGISTRATION.normal_weight)
+        there = _searchable(self.places, self.triangles, unflipped, guides.there)
         for factor, rounds in Counter(FACE_REGISTRATION.bending).items():
             bending = csc_array(factor * energy)
             factors = factorise(csc_array(bending + diags_array(areas / 2 + pins.weight)))
             for _ in range(rounds):
                 places = mesh.vertices + displacement
                 normals = vertex_normals(places, mesh.oriented_triangles)
-                triangle, weights, distance = there.closest(places, normals)
+                triangle, weights, distance = there.closest(places, normals, traits=guides.here)
                 corners = self.triangles[triangle]
                 goals, facing = (
                     np.einsum("nc,ncx->nx", weights, values[corners]) for values in (self.places, self.normals)
@@ -224,14 +233,14 @@ class _Piece:
                 displacement = displacement + _solve(bending, data, factors, start)
         return np.asarray(mesh.vertices + displacement)
 
-    def locate(self, moved: Floats) -> tuple[Integers, Floats, Booleans]:
+    def locate(self, moved: Floats, guides: _Guides) -> tuple[Integers, Floats, Booleans]:
         """The target's vertices on the face with moved vertices (n, 3).
 
         Returns triangles (t,), barycentric coordinates (t, 3), and a mask (t,) of the vertices that were found.
         """
         mesh = self.mesh
-        here = OrientedSurface(moved, mesh.triangles, mesh.flipped, FACE_REGISTRATION.normal_weight)
-        triangle, weights, distance = here.closest(self.places, self.normals)
+        here = _searchable(moved, mesh.triangles, mesh.flipped, guides.here)
+        triangle, weights, distance = here.closest(self.places, self.normals, traits=guides.there)
         corners = mesh.triangles[triangle]
         normals = vertex_normals(moved, mesh.oriented_triangles)
         agree = np.einsum("tc,tcx,tx->t", weights, normals[corners], self.normals) > 0
@@ -256,10 +265,19 @@ class _Face:
         opens = on_working_mesh(piece.mesh, row_norms(expressions[-1]))
         return cls(piece, (left, right), jaw, opens, HeadDirections.of(left, right, jaw))
 
-    def match_rims(self) -> _Pins:
-        """Attract the rims of lids and lips by those of the target."""
-        rims, shifts = (np.concatenate(each) for each in zip(self._match_lids(), self._match_mouth(), strict=True))
-        return _Pins.of(rims, shifts, self.piece.mesh, self.head.forward)
+    def guides(self) -> _Guides:
+        """Attract the rims of lids and lips by those of the target, and keep the lips apart."""
+        piece, mesh, mouth = self.piece, self.piece.mesh, self._find_mouth()
+        guides = _Guides.none(piece)
+        rims, shifts = self._match_lids()
+        if mouth is not None:
+            is_upper, here, there = mouth
+            lips, shifts_of_lips = match_lips(mesh.vertices, is_upper, here, there, self.head)
+            rims, shifts = np.concatenate([rims, lips]), np.concatenate([shifts, shifts_of_lips])
+            own = sides_of_mouth(mesh.vertices, mesh.triangles, here, self.head)
+            other = sides_of_mouth(piece.places, piece.triangles, there, self.head)
+            guides = _Guides(guides.pins, *(FACE_REGISTRATION.side_weight * each[:, None] for each in (own, other)))
+        return replace(guides, pins=_Pins.of(rims, shifts, mesh, self.head.forward))
 
     def _match_lids(self) -> tuple[Integers, Floats]:
         """The vertices (r,) on the rims of the lids, and their shifts (r, 3) to those of the target."""
@@ -279,24 +297,40 @@ class _Face:
                 shifts.append(shift)
         return np.concatenate(chosen), np.concatenate(shifts)
 
-    def _match_mouth(self) -> tuple[Integers, Floats]:
-        """The vertices (r,) along the line between the lips, and their shifts (r, 3) to that of the target."""
+    def _find_mouth(self) -> tuple[Booleans, MouthLine, MouthLine] | None:
+        """A mask (n,) of the upper half of the face, and the lines between the lips of the source and of the target.
+
+        None if a line is not clear, or if the mouths are of very different width.
+        """
         piece, head = self.piece, self.head
         vertices, triangles = piece.mesh.vertices, piece.mesh.triangles
-        none = np.empty(0, dtype=np.int64), np.empty((0, 3))
         middle = find_lips(vertices, triangles, self.opens, ((self.eyes[0] + self.eyes[1]) / 2, self.jaw), head)
         if middle is None:
-            return none
+            return None
         near = row_norms(vertices - middle) < NEAR_MOUTH * head.size
         if not near.any():  # lips that are wide apart
-            return none
+            return None
         here = find_mouth_line(vertices, triangles, middle, head)
         moved = middle + piece.first_displacement[near].mean(axis=0)
         there = find_mouth_line(piece.places, piece.triangles, moved, head)
-        if here is None or there is None:
-            return none
-        is_upper = self.opens < self.opens[near].max() / 2
-        return match_lips(vertices, is_upper, here, there, head)
+        if here is None or there is None or not 1 / MAX_RATIO < there.width / here.width < MAX_RATIO:
+            return None
+        return self.opens < self.opens[near].max() / 2, here, there
+
+
+@dataclass(frozen=True, eq=False)
+class _Guides:
+    """What keeps features of a face in place while it is deformed."""
+
+    pins: _Pins
+    here: Floats  # (n, 1) sides of the mouth at the source's vertices, as lengths; see `sides_of_mouth`
+    there: Floats  # (t, 1) at the target's
+
+    @classmethod
+    def none(cls, piece: _Piece) -> _Guides:
+        """No guides."""
+        pins = _Pins.of(np.empty(0, dtype=np.int64), np.empty((0, 3)), piece.mesh, np.zeros(3))
+        return cls(pins, np.zeros((len(piece.mesh.vertices), 1)), np.zeros((len(piece.places), 1)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -314,11 +348,6 @@ class _Pins:
         weight[chosen] = FACE_REGISTRATION.rim_weight / len(mesh.vertices)  # the mesh is of unit area
         goals[chosen] += shifts
         return cls(weight, goals, direction)
-
-    @classmethod
-    def none(cls, mesh: WorkingMesh) -> _Pins:
-        """Attract no vertices of a mesh."""
-        return cls.of(np.empty(0, dtype=np.int64), np.empty((0, 3)), mesh, np.zeros(3))
 
     def of_values(self, values: Floats) -> Floats:
         """The product (n, 3) of the quadratic form with values (n, 3)."""
@@ -345,6 +374,12 @@ class _Residuals:
     def _across(self, values: Floats) -> Floats:
         across = np.einsum("nx,nx->n", values, self.normals)[:, None] * self.normals
         return np.asarray(self.weight[:, None] * (SLIDING * values + (1 - SLIDING) * across))
+
+
+def _searchable(vertices: Floats, triangles: Integers, flipped: Booleans, traits: Floats) -> OrientedSurface:
+    """Triangles (m, 3) for searches of closest points with similar normals and traits (n, 1) of the vertices (n, 3)."""
+    of_triangles = traits[triangles].mean(axis=1)
+    return OrientedSurface(vertices, triangles, flipped, FACE_REGISTRATION.normal_weight, traits=of_triangles)
 
 
 def _middles(mesh: WorkingMesh, expressions: list[Floats]) -> list[Floats]:

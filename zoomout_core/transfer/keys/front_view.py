@@ -41,6 +41,12 @@ class FrontView:
         """Values (columns, rows) of the visible surface, from those of its vertices (n,)."""
         return np.asarray(np.einsum("xyc,xyc->xy", self.weights, values[self.corners]))
 
+    def nearest_corners(self, chosen: Booleans) -> Integers:
+        """The vertices nearest to chosen pixels (columns, rows), of the triangles visible there."""
+        seen = chosen & np.isfinite(self.depth)
+        corners, weights = self.corners[seen], self.weights[seen]
+        return np.unique(corners[np.arange(len(corners)), weights.argmax(axis=1)])
+
     def close(self, height: float) -> Floats:
         """The depth (columns, rows) after a morphological closing of each column, by a height.
 

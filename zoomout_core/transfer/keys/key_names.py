@@ -103,6 +103,7 @@ def recognise_key_names(names: Sequence[str]) -> str | None:
         >>> zo.recognise_key_names(["Basis", "blendShape1.EyeBlink_L", "blendShape1.EyeBlink_R", "blendShape1.JawOpen"])
         'arkit'
     """
+    _check_names(names)
     found = {convention: _find(names, convention) for convention in CONVENTIONS}
     # Among conventions with the same names, prefer the one with this spelling.
     exact = {convention: sum(new == name for new, name in one.items()) for convention, one in found.items()}
@@ -133,6 +134,7 @@ def translate_key_names(names: Sequence[str], target: str, source: str | None = 
     """
     for convention in (target, source or target):
         _check(convention)
+    _check_names(names)
     renamed = {name: name for name in names if name in key_names(target)}
     taken, composed = set(renamed), dict[str, Sum]()
     own = _sort(tuple(names)) if source is None else {source: _find(names, source)}
@@ -149,6 +151,11 @@ def translate_key_names(names: Sequence[str], target: str, source: str | None = 
                 composed.setdefault(new.written, tuple(found[key] for key in sums[0]))
     composed = {new: parts for new, parts in composed.items() if new not in taken}
     return TranslatedKeys(tuple(own), target, renamed, composed, _missing(taken | composed.keys(), target))
+
+
+def _check_names(names: Sequence[str]) -> None:
+    if isinstance(names, str) or not isinstance(names, Iterable) or not all(isinstance(name, str) for name in names):
+        raise TypeError(f"Names of keys are {names!r:.60}: give a list of names.")
 
 
 def missing_key_names(names: Sequence[str], convention: str) -> tuple[str, ...]:

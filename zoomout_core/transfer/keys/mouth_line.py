@@ -12,8 +12,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
+from scipy.sparse.csgraph import dijkstra
 
 from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.mesh.triangles import edge_graph
 from zoomout_core.transfer.keys.front_view import enclosed_pieces, view_from_front
 from zoomout_core.transfer.keys.head_directions import HeadDirections
 
@@ -23,9 +26,12 @@ SEARCHED = 0.2  # the line is searched up to this distance above and below the m
 VALLEY, CREASE = 0.2, 0.03  # heights of the closings: above those of an opening and of a crease
 OPEN = 0.05  # depth above which lips are apart
 SHARP = 0.01  # depth of a crease between lips
+BRIDGED = 0.05  # width of the gaps in a valley that are bridged: lips may be level where they meet
 MIDDLE = 0.15  # half the width of the narrowest mouth
 LIP = 0.12  # height of a lip
 RIM = 0.02  # half the height of a rim
+BAND = 0.06  # height of the bands along the rims that are certain to be on one lip
+SIDES_END = 0.3  # distance from a band, along the surface, at which the sides of the mouth end
 COLUMNS, CENTRE_COLUMNS = 176, 24  # of the image around a mouth, and of the image for finding its middle
 BESIDE = 3  # pixels beside the rims in which the crease is searched
 HOLES = 0.1  # share of the columns with holes in a lip above which the line is unclear; at most .01 on whole lips
@@ -42,6 +48,8 @@ class MouthLine:
     lower: Floats  # (c,) the lower rim
     depth: Floats  # (c,) the lips along the direction forward
     corners: tuple[float, float]  # the right and the left corner along the direction left
+    above: Integers  # (a,) vertices of the upper lip that are visible along the rim
+    below: Integers  # (b,) vertices of the lower lip that are visible along the rim
 
     @property
     def width(self) -> float:
@@ -96,7 +104,8 @@ def find_mouth_line(vertices: Floats, triangles: Integers, centre: Floats, head:
     crease = (view.close(CREASE * head.size) - view.depth) / (SHARP * head.size)
     sharp = np.where(on_rims, np.minimum(crease, 1), 0).max(axis=1)
     sharp[(upper - lower) * view.pixel > CREASE * head.size] = 1  # lips that are apart
-    is_valley = depth[column, line] > SHARP
+    bridge = np.ones(round(BRIDGED * head.size / view.pixel), dtype=bool)
+    is_valley = scipy.ndimage.binary_closing(depth[column, line] > SHARP, bridge)
     middle = len(column) // 2
     right, left = _length(sharp[:middle][::-1], is_valley[:middle][::-1]), _length(sharp[middle:], is_valley[middle:])
     between = slice(middle - int(right), middle + int(left))
@@ -105,12 +114,19 @@ def find_mouth_line(vertices: Floats, triangles: Integers, centre: Floats, head:
     has_hole = ((enclosed_pieces(depth == OPEN) > 0) & is_lip & ~on_rims).any(axis=1)[between]
     if min(left, right) * view.pixel < MIDDLE * head.size or has_hole.mean() > HOLES:
         return None
+    is_between = (column >= between.start) & (column < between.stop)
+    band = BAND * head.size / view.pixel
+    bands = (
+        (row > upper[:, None] + BESIDE) & (row < upper[:, None] + band),
+        (row < lower[:, None] - BESIDE) & (row > lower[:, None] - band),
+    )
     return MouthLine(
         view.across,
         view.height_of(upper),
         view.height_of(lower),
         closed[column, line],
         (view.origin[0] - right * view.pixel, view.origin[0] + left * view.pixel),
+        *(view.nearest_corners(on & is_between[:, None]) for on in bands),
     )
 
 
@@ -119,11 +135,8 @@ def match_lips(
 ) -> tuple[Integers, Floats]:
     """The vertices (r,) of a face (n, 3) along one line, and the shifts (r, 3) to another one.
 
-    Takes a mask (n,) of the vertices on the upper lip. The shifts are perpendicular to the direction forward. Both
-    arrays are empty if the widths of the mouths differ too much.
+    Takes a mask (n,) of the vertices on the upper lip. The shifts are perpendicular to the direction forward.
     """
-    if not 1 / MAX_RATIO < there.width / here.width < MAX_RATIO:
-        return np.empty(0, dtype=np.int64), np.empty((0, 3))
     across, height, depth = (vertices @ axis for axis in (head.left, head.up, head.forward))
     share = np.clip((across - here.corners[0]) / here.width, 0, 1)
     (own, own_height), (other, other_height) = (line.place_at(share, is_upper) for line in (here, there))
@@ -135,6 +148,24 @@ def match_lips(
     )
     shift = (other - own)[:, None] * head.left + (other_height - own_height)[:, None] * head.up
     return chosen, shift[chosen]
+
+
+def sides_of_mouth(vertices: Floats, triangles: Integers, line: MouthLine, head: HeadDirections) -> Floats:
+    """The side (n,) of a mouth at vertices (n, 3): 1 on the upper lip and -1 on the lower one, 0 far from both.
+
+    Distances along the surface distinguish lips that overlap, where one is hidden behind the other.
+    """
+    if not len(line.above) or not len(line.below):
+        return np.zeros(len(vertices))
+    edges = edge_graph(vertices, triangles)
+    to_upper, to_lower = (
+        dijkstra(edges, indices=lip, min_only=True, limit=(SIDES_END + LIP) * head.size) / head.size
+        for lip in (line.above, line.below)
+    )
+    with np.errstate(invalid="ignore"):
+        side = np.nan_to_num(np.clip((to_lower - to_upper) / LIP, -1, 1))
+    near = np.clip(2 * (1 - np.minimum(to_upper, to_lower) / SIDES_END), 0, 1)
+    return np.asarray(side * near)
 
 
 def find_best_path(values: Floats) -> Integers:

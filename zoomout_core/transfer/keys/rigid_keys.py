@@ -97,7 +97,7 @@ def _common_frame(partner: Integers, frames: Frames) -> Floats | None:
     side = 1.0 if np.sign(np.linalg.det(frames.steady_turns)).sum() >= 0 else -1.0
     together = procrustes(before, now, handedness=side)
     is_rigid = np.linalg.norm(together(before) - now) <= MAX_MISFIT * np.linalg.norm(offset)
-    return without_small_turn(together.linear) if is_rigid else None
+    return without_small_turn(together.linear)[0] if is_rigid else None
 
 
 def _find_rigid_parts(source: Surface, offsets: Floats, components: Integers) -> list[_RigidParts]:

@@ -7,7 +7,8 @@ the cell on the left. A cell is empty if rigs of the convention have no such bon
 place of the side do not count.
 
 Sources: the schemas of VRM 0.x and 1.0, Unity's `HumanBodyBones`, characters of Mixamo and VRoid Studio, Rigify's human
-metarig, the mannequins of Unreal Engine 4 and 5, Biped of 3ds Max, Cats for VRChat, and MikuMikuDance.
+metarig, the mannequins of Unreal Engine 4 and 5, Biped of 3ds Max, Cats for VRChat, MakeHuman's default rig, and
+MikuMikuDance.
 """
 
 from __future__ import annotations
@@ -50,37 +51,37 @@ head                | =                  | Head         | spine.006     | head  
 *LittleIntermediate | =                  | *HandPinky2  | f_pinky.02.*  | pinky_02_*  | =
 *LittleDistal       | =                  | *HandPinky3  | f_pinky.03.*  | pinky_03_*  | =
 
-vrm 1               | vroid      | biped     | cats            | mmd
-hips                | Hips       | Pelvis    | Hips            | 下半身
-spine               | Spine      | Spine     | Spine           | 上半身
-chest               | Chest      | Spine1    | Chest           | 上半身2
-upperChest          | UpperChest | Spine2    | Upper Chest     | 上半身3
-neck                | Neck       | Neck      | Neck            | 首
-head                | Head       | Head      | Head            | 頭
-*Eye                | *FaceEye   |           | *Eye            | *目
-*Shoulder           | *Shoulder  | *Clavicle | *shoulder       | *肩
-*UpperArm           | *UpperArm  | *UpperArm | *arm            | *腕
-*LowerArm           | *LowerArm  | *Forearm  | *elbow          | *ひじ
-*Hand               | *Hand      | *Hand     | *wrist          | *手首
-*UpperLeg           | *UpperLeg  | *Thigh    | *leg            | *足
-*LowerLeg           | *LowerLeg  | *Calf     | *knee           | *ひざ
-*Foot               | *Foot      | *Foot     | *ankle          | *足首
-*Toes               | *ToeBase   | *Toe0     | *toe            | *つま先
-*ThumbMetacarpal    | *Thumb1    | *Finger0  | Thumb0_*        | *親指0
-*ThumbProximal      | *Thumb2    | *Finger01 | Thumb1_*        | *親指1
-*ThumbDistal        | *Thumb3    | *Finger02 | Thumb2_*        | *親指2
-*IndexProximal      | *Index1    | *Finger1  | IndexFinger1_*  | *人指1
-*IndexIntermediate  | *Index2    | *Finger11 | IndexFinger2_*  | *人指2
-*IndexDistal        | *Index3    | *Finger12 | IndexFinger3_*  | *人指3
-*MiddleProximal     | *Middle1   | *Finger2  | MiddleFinger1_* | *中指1
-*MiddleIntermediate | *Middle2   | *Finger21 | MiddleFinger2_* | *中指2
-*MiddleDistal       | *Middle3   | *Finger22 | MiddleFinger3_* | *中指3
-*RingProximal       | *Ring1     | *Finger3  | RingFinger1_*   | *薬指1
-*RingIntermediate   | *Ring2     | *Finger31 | RingFinger2_*   | *薬指2
-*RingDistal         | *Ring3     | *Finger32 | RingFinger3_*   | *薬指3
-*LittleProximal     | *Little1   | *Finger4  | LittleFinger1_* | *小指1
-*LittleIntermediate | *Little2   | *Finger41 | LittleFinger2_* | *小指2
-*LittleDistal       | *Little3   | *Finger42 | LittleFinger3_* | *小指3
+vrm 1               | vroid      | biped     | cats            | makehuman    | mmd
+hips                | Hips       | Pelvis    | Hips            | root         | 下半身
+spine               | Spine      | Spine     | Spine           | spine04      | 上半身
+chest               | Chest      | Spine1    | Chest           | spine02      | 上半身2
+upperChest          | UpperChest | Spine2    | Upper Chest     | spine01      | 上半身3
+neck                | Neck       | Neck      | Neck            | neck01       | 首
+head                | Head       | Head      | Head            | head         | 頭
+*Eye                | *FaceEye   |           | *Eye            | eye.*        | *目
+*Shoulder           | *Shoulder  | *Clavicle | *shoulder       | clavicle.*   | *肩
+*UpperArm           | *UpperArm  | *UpperArm | *arm            | upperarm01.* | *腕
+*LowerArm           | *LowerArm  | *Forearm  | *elbow          | lowerarm01.* | *ひじ
+*Hand               | *Hand      | *Hand     | *wrist          | wrist.*      | *手首
+*UpperLeg           | *UpperLeg  | *Thigh    | *leg            | upperleg01.* | *足
+*LowerLeg           | *LowerLeg  | *Calf     | *knee           | lowerleg01.* | *ひざ
+*Foot               | *Foot      | *Foot     | *ankle          | foot.*       | *足首
+*Toes               | *ToeBase   | *Toe0     | *toe            |              | *つま先
+*ThumbMetacarpal    | *Thumb1    | *Finger0  | Thumb0_*        | finger1-1.*  | *親指0
+*ThumbProximal      | *Thumb2    | *Finger01 | Thumb1_*        | finger1-2.*  | *親指1
+*ThumbDistal        | *Thumb3    | *Finger02 | Thumb2_*        | finger1-3.*  | *親指2
+*IndexProximal      | *Index1    | *Finger1  | IndexFinger1_*  | finger2-1.*  | *人指1
+*IndexIntermediate  | *Index2    | *Finger11 | IndexFinger2_*  | finger2-2.*  | *人指2
+*IndexDistal        | *Index3    | *Finger12 | IndexFinger3_*  | finger2-3.*  | *人指3
+*MiddleProximal     | *Middle1   | *Finger2  | MiddleFinger1_* | finger3-1.*  | *中指1
+*MiddleIntermediate | *Middle2   | *Finger21 | MiddleFinger2_* | finger3-2.*  | *中指2
+*MiddleDistal       | *Middle3   | *Finger22 | MiddleFinger3_* | finger3-3.*  | *中指3
+*RingProximal       | *Ring1     | *Finger3  | RingFinger1_*   | finger4-1.*  | *薬指1
+*RingIntermediate   | *Ring2     | *Finger31 | RingFinger2_*   | finger4-2.*  | *薬指2
+*RingDistal         | *Ring3     | *Finger32 | RingFinger3_*   | finger4-3.*  | *薬指3
+*LittleProximal     | *Little1   | *Finger4  | LittleFinger1_* | finger5-1.*  | *小指1
+*LittleIntermediate | *Little2   | *Finger41 | LittleFinger2_* | finger5-2.*  | *小指2
+*LittleDistal       | *Little3   | *Finger42 | LittleFinger3_* | finger5-3.*  | *小指3
 """
 # A rig follows a convention if it has at least this many of its bones: a torso and two limbs. Single names, such as
 # Head, occur in all kinds of rigs.
@@ -93,11 +94,12 @@ LEFT, RIGHT = "left", "right"
 
 
 def spelling(name: str) -> str:
-    """A name without prefix, case, separators and long words for sides."""
+    """A name without prefix, case, separators and long words for sides: sorted words, and then numbers in order."""
     words = re.sub(r"([a-z])([A-Z])", r"\1 \2", PREFIX.sub("", normalize("NFKC", name))).lower()
     for long, short in SIDES.items():
         words = re.sub(long if not long.isascii() else rf"(?<![a-z]){long}(?![a-z])", f" {short} ", words)
-    return " ".join(sorted(re.findall(r"[^\W\d_]+|\d+", words)))
+    numbers = re.findall(r"\d+", words)  # `finger1-2` and `finger2-1` are different bones
+    return " ".join([*sorted(re.findall(r"[^\W\d_]+", words)), *numbers])
 
 
 def humanoid_bones(names: Sequence[str]) -> dict[str, str]:

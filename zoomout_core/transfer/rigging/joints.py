@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
-from zoomout_core.arrays import Floats
+from zoomout_core.arrays import Floats, to_floats
 from zoomout_core.geometry.procrustes import SMALLEST, Similarities, procrustes
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.transfer.dressing.form import Lines
@@ -56,7 +56,7 @@ def move_joints(worn: Surface | Lines, vertices: ArrayLike, joints: ArrayLike) -
         >>> bool(abs(moved.positions - [1, 0, 0]).max() < 1e-6)
         True
     """
-    after, places = np.asarray(vertices, dtype=np.float64), finite_joints(joints)
+    after, places = to_floats(vertices, "Vertices"), finite_joints(joints)
     if after.shape != worn.vertices.shape or not np.isfinite(after).all():
         raise ValueError(
             f"vertices are of the shape {after.shape}, or not finite: give finite ones ({len(worn.vertices)}, 3)."
@@ -69,9 +69,12 @@ def finite_joints(joints: ArrayLike) -> Floats:
     """Joints as an array (j, 3).
 
     Raises:
-        ValueError: they are not finite.
+        ValueError: they are not finite positions.
     """
-    places = np.asarray(joints, dtype=np.float64).reshape(-1, 3)
+    places = to_floats(joints, "Joints")
+    if places.size % 3:
+        raise ValueError(f"Joints are of the shape {places.shape}: give positions (j, 3).")
+    places = places.reshape(-1, 3)
     if not np.isfinite(places).all():
         raise ValueError("Some joints are not finite: give finite positions (j, 3).")
     return places

@@ -89,6 +89,27 @@ class PosedTarget:
     pose: Pose  # the pose of the bones that takes it from the rest pose to the target
 
 
+def correct_map(mapped: MappedTarget, posed: PosedTarget, weights: csr_array) -> MappedTarget:
+    """A mapped target, with the errors of its map along the surface corrected by the pose that was found.
+
+    On the same body, each vertex that the bones take near the source is mapped to the closest point there, also in
+    creases, where normals differ: a vertex left out there would tear the surface. Otherwise nothing changes.
+
+    Args:
+        mapped: the target over the source, as for `find_pose`.
+        posed: its pose.
+        weights: (n_s, b) sparse skin weights of the source.
+    """
+    if posed.mapped.surface_map is mapped.surface_map:
+        return mapped
+    rest = posed.mapped.source
+    search = SurfaceSearch(rest.vertices, rest.triangles)
+    at_rest = replace(mapped, source=rest)
+    projection = _project_at_rest(posed.mapped, at_rest, posed.pose, weights, search, REST.along, -np.inf)
+    confidence = np.where(projection.trusted, np.maximum(mapped.confidence, FULL_CONFIDENCE), mapped.confidence)
+    return replace(mapped, surface_map=projection.surface_map, confidence=confidence)
+
+
 @on_one_blas_thread
 def find_pose(mapped: MappedTarget, rest: Surface, weights: csr_array, parents: ArrayLike | None = None) -> PosedTarget:
     """Find the pose of a target.
@@ -184,9 +205,18 @@ class _Projection:
 
 
 def _project_at_rest(
-    found: MappedTarget, mapped: MappedTarget, pose: Pose, weights: csr_array, search: SurfaceSearch, along: float
+    found: MappedTarget,
+    mapped: MappedTarget,
+    pose: Pose,
+    weights: csr_array,
+    search: SurfaceSearch,
+    along: float,
+    min_facing: float | None = None,
 ) -> _Projection:
-    """Project the target, taken to the rest pose, to the source: no vertex farther than `along` from its image."""
+    """Project the target, taken to the rest pose, to the source: no vertex farther than `along` from its image.
+
+    The cosine between both normals is above `min_facing`; `REST.facing`, when not given.
+    """
     target, rest = mapped.target, mapped.source
     matrices = skinning_matrices(pose.transforms, csr_array(mixing_matrix(found) @ weights))
     at_rest, _, sound = inverse_skinning(target.vertices, matrices, pose.scale)
@@ -196,7 +226,8 @@ def _project_at_rest(
     outwards = triangle_normals(rest.vertices, rest.triangles)[triangle]
     facing = np.einsum("nx,nx->n", vertex_normals(at_rest, target.triangles), outwards)
     near = np.linalg.norm(places - mapped.points, axis=1) < along * unit
-    trusted = sound & near & (np.linalg.norm(apart, axis=1) < REST.near * unit) & (facing > REST.facing)
+    trusted = sound & near & (np.linalg.norm(apart, axis=1) < REST.near * unit)
+    trusted &= facing > (REST.facing if min_facing is None else min_facing)
     if mapped.has_partner is not None:
         trusted &= mapped.has_partner
     kept = mapped.surface_map

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Skin weights: sparse mixtures of many groups, of which a vertex belongs to a few."""
+"""Skin weights: each vertex mixes a few of many groups."""
 
 from __future__ import annotations
 

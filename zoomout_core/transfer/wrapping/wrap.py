@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from numbers import Real
 from typing import TypeAlias
 
 import numpy as np
@@ -102,7 +103,7 @@ def wrap(
         True
     """
     for name, value in (("smoothness", smoothness), ("detail", detail)):
-        if not 0 <= value <= 1:
+        if not (isinstance(value, Real) and 0 <= value <= 1):
             raise ValueError(f"{name} is {value!r}: give a number from 0 to 1.")
     source, target = as_surface(source), as_surface(target)
     mapped, unit = map_target(result, source, target), float(np.sqrt(source.area))

@@ -14,6 +14,7 @@ from loose_parts import identity, shape_of, sheet
 from scipy.spatial.transform import Rotation
 
 from zoomout_core.geometry.oriented_closest_points import OrientedSurface
+from zoomout_core.matching.components.part_motions import MovedTarget
 from zoomout_core.matching.components.parts import Side
 from zoomout_core.matching.components.shell_images import find_beneath, map_onto_partner, near_hull
 from zoomout_core.matching.components.shell_pairs import pair_shells
@@ -56,9 +57,9 @@ def map_first_shell(
     """Images of a target's first shell, moved by the body's map, on its partner, and the stretch of its edges."""
     mesh, shells = source.mesh, oriented_surface(source)
     part = replace(target.parts(target.points)[0], points=moved)
-    image, stretch = map_onto_partner(
-        part, partner, similarity, scale, stays, target.mesh.vertex_normals, shells, source, target
-    )
+    motion: Any = SimpleNamespace(scale=scale)
+    body = MovedTarget(target.points, target.mesh.vertex_normals, motion, stays)
+    image, stretch = map_onto_partner(part, partner, similarity, body, shells, source, target)
     return np.einsum("nc,ncx->nx", image.barycentric, source.points[mesh.triangles[image.triangle]]), stretch
 
 

@@ -12,10 +12,11 @@ from pieces import PartAndWhole
 from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.partial import part_match
-from zoomout_core.matching.partial.gaps import gap_area
+from zoomout_core.matching.partial.gaps import GAPS, gap_area
 from zoomout_core.matching.partial.part_candidates import PartCandidate
-from zoomout_core.matching.partial.part_match import GAPS, PART_MATCH, certainty_of_fit, match_part
+from zoomout_core.matching.partial.part_match import PART_MATCH, match_part
 from zoomout_core.matching.partial.part_registration import PART_REGISTRATION, register_part
+from zoomout_core.matching.ranking.certainty import PART_CERTAINTY, certainty_of_fit
 
 
 def true_cover(pair: PartAndWhole) -> tuple[Booleans, Floats]:
@@ -75,11 +76,11 @@ def test_finished_maps_know_their_gaps(lower: PartAndWhole, monkeypatch: pytest.
 
 def test_certainty_falls_with_the_area_of_gaps_beyond_the_usual_one() -> None:
     scores = {"fit": -4.5, "extent": 0.6}
-    usual = PART_MATCH.usual_gaps
+    usual = PART_CERTAINTY.usual_gaps
     known, little, much = (certainty_of_fit(scores | {GAPS: area}) for area in (0.0, usual, usual + 0.1))
     assert known == little == certainty_of_fit(scores)
     odds = [np.log(each / (1 - each)) for each in (little, much)]
-    assert odds[0] - odds[1] == pytest.approx(0.1 * PART_MATCH.gap_rate)
+    assert odds[0] - odds[1] == pytest.approx(0.1 * PART_CERTAINTY.gap_rate)
 
 
 def test_a_leg_on_the_other_leg_of_a_body_is_not_certain() -> None:

@@ -23,6 +23,7 @@ from zoomout_core.matching.partial.part_match import (
     part_of,
 )
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
+from zoomout_core.matching.ranking.certainty import PART_CERTAINTY
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.tuning import retune
 
@@ -37,7 +38,8 @@ def match_as_part(source: Surface, target: Surface, **given: Any) -> zo.MatchRes
     zo.forget_shapes()
     with (
         retune(ATTEMPTS, same_share=1.0),
-        retune(PART_MATCH, uncertain=1.0, misfit=-50.0, another_map=2.0),
+        retune(PART_MATCH, uncertain=1.0),
+        retune(PART_CERTAINTY, misfit=-50.0, another_map=2.0),
         retune(PART_CANDIDATES, landmarks=7, regions=0, registered=4),
     ):
         return zo.match(source, target, k_final=60, samples=400, **given)

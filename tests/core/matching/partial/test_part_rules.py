@@ -17,6 +17,13 @@ from zoomout_core.arrays import Floats, Integers
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.partial import part_candidates as candidates_module
 from zoomout_core.matching.partial import part_match
+from zoomout_core.matching.partial.curvature import (
+    CURVATURE,
+    CURVATURE_FLOOR,
+    PART_CURVATURE,
+    curvature_agreement,
+    curvature_score,
+)
 from zoomout_core.matching.partial.incomplete_shape import IncompleteShape, at_scale, unlikeness
 from zoomout_core.matching.partial.landmark_maps import LANDMARK_MAPS, place_few
 from zoomout_core.matching.partial.landmark_search import SEARCH, _cost_of_pair, distinct, landmarks_of
@@ -32,14 +39,9 @@ from zoomout_core.matching.partial.part_candidates import (
     rough_candidates,
 )
 from zoomout_core.matching.partial.part_match import (
-    CURVATURE,
-    CURVATURE_FLOOR,
     PART_MATCH,
     _candidate,
-    _certainty,
-    _curvature_score,
     _on_part,
-    curvature_agreement,
     fit_part,
     match_part,
     places_of,
@@ -47,7 +49,8 @@ from zoomout_core.matching.partial.part_match import (
 )
 from zoomout_core.matching.partial.part_registration import PART_REGISTRATION, RegisteredPart, register_part
 from zoomout_core.matching.partial.region import Region
-from zoomout_core.matching.ranking.rank import Candidate
+from zoomout_core.matching.ranking.candidate import Candidate
+from zoomout_core.matching.ranking.certainty import PART_CERTAINTY, certainty_of_part
 from zoomout_core.matching.ranking.scores import EVIDENCE_WEIGHTS, UPRIGHT
 from zoomout_core.matching.refinement.dense_map import dense_map
 from zoomout_core.runtime.progress import advance
@@ -302,7 +305,7 @@ def test_up_axis_is_evidence_between_upright_fragments(
     monkeypatch.setattr(part_match, "part_candidates", lambda *_: [made])
     (one,) = match_part(surface_and_shapes(lower), upright=upright)
     expected = made.scores["fit"] + (0.6 * EVIDENCE_WEIGHTS[UPRIGHT] if upright else 0.0)
-    assert one.scores["total"] - _curvature_score(one.scores) == pytest.approx(expected)
+    assert one.scores["total"] - curvature_score(one.scores) == pytest.approx(expected)
 
 
 @pytest.mark.parametrize("is_everywhere", [True, False])
@@ -438,7 +441,7 @@ def test_candidates_are_ranked_by_the_curvature_of_their_finished_maps(
     assert all(cast(Any, one.part_match).places is each for one, each in zip(found, order, strict=True))
     assert [cast(Any, one.part_match).finished is fitted for one in found] == [True, True, False]
     assert found[0].certainty > 0.9 > found[1].certainty
-    gain = np.log((0.4 + CURVATURE_FLOOR) / (0.1 + CURVATURE_FLOOR)) * PART_MATCH.curvature
+    gain = np.log((0.4 + CURVATURE_FLOOR) / (0.1 + CURVATURE_FLOOR)) * PART_CURVATURE.weight
     lead = found[1].scores["total"] - found[0].scores["total"]
     assert lead == pytest.approx(gain - lags[1])
 
@@ -469,7 +472,7 @@ def test_certainty_of_a_place_rises_with_the_agreement_of_curvature(agreement: f
     nowhere: Any = SimpleNamespace(is_everywhere=True)
     one = candidate(nowhere, np.zeros(10, dtype=np.int64), -3.0)
     compared = replace(one, scores=one.scores | {CURVATURE: agreement})
-    assert np.sign(round(_certainty(compared, [compared]) - _certainty(one, [one]), 6)) == sign
+    assert np.sign(round(certainty_of_part(compared, [compared]) - certainty_of_part(one, [one]), 6)) == sign
 
 
 def test_a_limb_on_the_other_limb_is_not_certain_however_its_curvature_agrees() -> None:
@@ -478,7 +481,7 @@ def test_a_limb_on_the_other_limb_is_not_certain_however_its_curvature_agrees() 
     for fit, extent, agreement in ((-4.58, 0.152, 0.88), (-4.89, 0.114, 0.86)):
         one = candidate(nowhere, np.zeros(10, dtype=np.int64), fit, extent=extent)
         compared = replace(one, scores=one.scores | {CURVATURE: agreement})
-        assert 0.5 < _certainty(compared, [compared]) < 0.9
+        assert 0.5 < certainty_of_part(compared, [compared]) < 0.9
 
 
 # --- rivals and attempts ------------------------------------------------------------------------------------
@@ -491,12 +494,12 @@ def test_maps_to_nearby_places_are_no_rivals(apart: float, rivals: bool) -> None
     whole: Any = SimpleNamespace(shape=shape, between=np.abs(at[:, None] - at))
     region: Any = SimpleNamespace(whole=whole, is_everywhere=True)
     one, other = (candidate(region, np.full(10, number), -4.0) for number in (0, 1))
-    alone = _certainty(one, [one])
+    alone = certainty_of_part(one, [one])
     assert alone > 0.9
-    assert _certainty(one, [one, other]) == pytest.approx(alone / 2 if rivals else alone)
+    assert certainty_of_part(one, [one, other]) == pytest.approx(alone / 2 if rivals else alone)
     # A worse rival takes less certainty; a much better one leaves almost none.
-    behind = _certainty(one, [one, replace(other, scores={"fit": -3.9, "total": -3.9})])
-    ahead = _certainty(one, [one, replace(other, scores={"fit": -5.0, "total": -5.0})])
+    behind = certainty_of_part(one, [one, replace(other, scores={"fit": -3.9, "total": -3.9})])
+    ahead = certainty_of_part(one, [one, replace(other, scores={"fit": -5.0, "total": -5.0})])
     assert behind > 0.7 * alone
     assert not rivals or ahead < 1e-2
 
@@ -515,7 +518,7 @@ def test_evidence_decides_between_places(lower: PartAndWhole, monkeypatch: pytes
 
     known = match_part(pair, against_the_first)
     assert cast(PartCandidate, known[0].part_match).places is made[0].places
-    totals = [one.scores["total"] - _curvature_score(one.scores) for one in (known[1], first)]
+    totals = [one.scores["total"] - curvature_score(one.scores) for one in (known[1], first)]
     assert totals[0] == pytest.approx(totals[1] + 100 * EVIDENCE_WEIGHTS["axes"])
     # Evidence lowers a place against its rivals; the fit alone determines absolute certainty.
     assert known[1].certainty < 1e-9
@@ -526,7 +529,7 @@ def test_evidence_decides_between_places(lower: PartAndWhole, monkeypatch: pytes
 def test_certainty_of_a_place_follows_its_fit(fit: float, certainty: float) -> None:
     nowhere: Any = SimpleNamespace(is_everywhere=True)
     one = candidate(nowhere, np.zeros(10, dtype=np.int64), fit)
-    assert _certainty(one, [one]) == pytest.approx(certainty, abs=0.01)
+    assert certainty_of_part(one, [one]) == pytest.approx(certainty, abs=0.01)
 
 
 def test_certainty_of_a_place_falls_with_the_area_that_supports_it() -> None:
@@ -534,9 +537,9 @@ def test_certainty_of_a_place_falls_with_the_area_that_supports_it() -> None:
     odds = []
     for extent in (1.0, 0.5, 0.1):
         one = candidate(nowhere, np.zeros(10, dtype=np.int64), -4.0, extent=extent)
-        odds.append(1 / (1 / _certainty(one, [one]) - 1))
-    assert odds[1] / odds[0] == pytest.approx(0.5**PART_MATCH.extent, rel=0.02)
-    assert 0.1**PART_MATCH.extent < odds[2] / odds[0] < 0.15**PART_MATCH.extent
+        odds.append(1 / (1 / certainty_of_part(one, [one]) - 1))
+    assert odds[1] / odds[0] == pytest.approx(0.5**PART_CERTAINTY.extent, rel=0.02)
+    assert 0.1**PART_CERTAINTY.extent < odds[2] / odds[0] < 0.15**PART_CERTAINTY.extent
 
 
 @pytest.mark.parametrize(

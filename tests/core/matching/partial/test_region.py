@@ -15,11 +15,10 @@ from scipy.special import expit
 
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.pair import Pair
+from zoomout_core.matching.partial.curvature import CURVATURE
 from zoomout_core.matching.partial.incomplete_shape import IncompleteShape, at_scale
 from zoomout_core.matching.partial.part_candidates import PART_CANDIDATES, PartCandidate, _Found, images_apart
 from zoomout_core.matching.partial.part_match import (
-    CURVATURE,
-    _certainty,
     fit_part,
     in_one_unit,
     match_part,
@@ -29,7 +28,8 @@ from zoomout_core.matching.partial.part_match import (
 from zoomout_core.matching.partial.part_registration import RegisteredPart
 from zoomout_core.matching.partial.region import REGION, Region, find_regions, is_small
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
-from zoomout_core.matching.ranking.rank import Candidate
+from zoomout_core.matching.ranking.candidate import Candidate
+from zoomout_core.matching.ranking.certainty import SMALL_PART_CERTAINTY, certainty_of_part
 from zoomout_core.matching.refinement.dense_map import dense_map
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.samples.spheres import outward_hull
@@ -245,8 +245,8 @@ def test_certainty_of_a_small_part_falls_with_close_rivals() -> None:
         return Candidate("", False, False, nothing, nothing, nothing, None, None, 0.0, scores, at)
 
     one = candidate(0, -5.5)
-    alone = _certainty(one, [one])
-    assert alone == pytest.approx(expit(REGION.misfit_rate * 5.5 - REGION.misfit))
-    behind = _certainty(one, [one, candidate(1, -5.3)])
-    assert behind == pytest.approx(alone / (1 + np.exp(-0.2 * REGION.rivalry)))
+    alone = certainty_of_part(one, [one])
+    assert alone == pytest.approx(expit(SMALL_PART_CERTAINTY.misfit_rate * 5.5 - SMALL_PART_CERTAINTY.misfit))
+    behind = certainty_of_part(one, [one, candidate(1, -5.3)])
+    assert behind == pytest.approx(alone / (1 + np.exp(-0.2 * SMALL_PART_CERTAINTY.rivalry)))
     assert behind < 0.8 < 0.9 < alone

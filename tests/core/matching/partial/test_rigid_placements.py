@@ -25,7 +25,7 @@ from zoomout_core.matching.partial.rigid_placements import (
     rigid_placements,
     rotations,
 )
-from zoomout_core.matching.ranking.rank import Candidate
+from zoomout_core.matching.ranking.candidate import Candidate
 from zoomout_core.matching.ranking.scores import EVIDENCE_WEIGHTS, UPRIGHT
 from zoomout_core.matching.registration.nonrigid_icp import NONRIGID_SCHEDULE, Level
 from zoomout_core.tuning import retune

@@ -30,6 +30,7 @@ from zoomout_core.matching.partial.unknown_scale import (
     stretch,
     times_as_large,
 )
+from zoomout_core.matching.ranking.certainty import PART_CERTAINTY
 from zoomout_core.matching.ranking.scores import no_disagreement
 from zoomout_core.matching.report.notes import OTHER_UNITS, RESCALED
 from zoomout_core.tuning import retune
@@ -53,7 +54,8 @@ def test_a_part_in_another_unit_is_matched_to_its_whole(lower: PartAndWhole) -> 
     part, whole = lower.made_part.surface, lower.made_whole.surface
     with (
         retune(ATTEMPTS, same_share=1.0),
-        retune(PART_MATCH, uncertain=1.0, misfit=2.0, another_map=2.0),
+        retune(PART_MATCH, uncertain=1.0),
+        retune(PART_CERTAINTY, misfit=2.0, another_map=2.0),
         retune(PART_CANDIDATES, **FEWER_SEARCHES),
         retune(UNKNOWN_SCALE, scales=(0.4, 0.7, 1.0)),
     ):
@@ -140,7 +142,7 @@ def test_small_scales_are_tried_if_no_larger_one_is_likely(
         return [SimpleNamespace(certainty=0.9 if certain else 0.2 - 0.01 * len(seen))]
 
     monkeypatch.setattr(unknown_scale, "match_part", placed)
-    monkeypatch.setattr(unknown_scale, "rough_places", lambda *_: [RoughPlace(0.2, 0.5, np.arange(4))])
+    monkeypatch.setattr(unknown_scale, "rough_places", lambda *_: [RoughPlace(0.2, 0.5, np.arange(4), -4.0)])
     source = lower.part if fragments == 2 else lower.whole
     found = match_at_unknown_scale(pair_of(source, lower.part), lambda _: no_disagreement, known)
     assert found is not None
@@ -163,7 +165,9 @@ def test_small_scales_are_tried_if_no_larger_one_is_likely(
 def test_another_scale_that_is_nearly_as_certain_is_matched_too(
     certainties: tuple[float, ...], scales: tuple[float, ...], expected: list[float]
 ) -> None:
-    places = [RoughPlace(certainty, scale, np.arange(4)) for certainty, scale in zip(certainties, scales, strict=True)]
+    places = [
+        RoughPlace(certainty, scale, np.arange(4), -4.0) for certainty, scale in zip(certainties, scales, strict=True)
+    ]
     assert [one.scale for one in nearly_best(places)] == expected
 
 
@@ -176,7 +180,7 @@ def test_poorly_fitting_fragments_are_not_rescaled(monkeypatch: pytest.MonkeyPat
 
     def roughly(_part: object, _whole: object, scales: list[float]) -> list[RoughPlace]:
         tried.append(min(scales))
-        return [RoughPlace(0.12, 0.5, np.arange(4))]
+        return [RoughPlace(0.12, 0.5, np.arange(4), -4.0)]
 
     tried: list[float] = []
     monkeypatch.setattr(unknown_scale, "rough_places", roughly)

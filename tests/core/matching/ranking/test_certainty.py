@@ -19,8 +19,11 @@ from zoomout_core.arrays import Floats, Integers
 from zoomout_core.maps.functional_map import functional_map_of
 from zoomout_core.matching.hypotheses.hypothesis import Hypothesis
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis, analyse
-from zoomout_core.matching.ranking.rank import Candidate, _align, _leading, rank, sort_by_certainty, with_others
+from zoomout_core.matching.ranking.candidate import Candidate
+from zoomout_core.matching.ranking.certainty import CERTAINTY, sort_by_certainty
+from zoomout_core.matching.ranking.rank import _align, _leading, rank, with_others
 from zoomout_core.matching.ranking.scores import ENERGY, IN_SPACE, TORN, evidence_score
+from zoomout_core.matching.report.verdict import VERDICT
 
 COUNT = 40
 
@@ -173,6 +176,19 @@ def test_finished_map_of_lower_energy_ranks_first() -> None:
     assert ranked[0].certainty > 0.7 > 0.3 > ranked[1].certainty > ranked[2].certainty
 
 
+def test_of_two_finished_maps_of_closed_shapes_the_less_torn_one_ranks_first() -> None:
+    energies = np.full(COUNT, 0.1)
+    ahead, behind = finish(candidate(0.0), energies), finish(candidate(0.5, 0.5), energies)
+    ahead, behind = (replace(one, scores=one.scores | {TORN: count}) for one, count in ((ahead, 30.0), (behind, 0.5)))
+    rest = candidate(0.4, 0.9)  # not finished, so taken to be as torn as the most torn one
+    ranked = sort_by_certainty([ahead, behind, rest], line(), line())
+    assert [one.origin for one in ranked] == [behind.origin, ahead.origin, rest.origin]
+    assert ranked[0].certainty > 0.7
+    # A border or touching limbs explain the tears.
+    for other in (line(triangles=TETRAHEDRON[:3]), line(is_hull=True)):
+        assert sort_by_certainty([ahead, behind, rest], line(), other)[0].origin == ahead.origin
+
+
 def test_certainty_never_rises_down_the_ranking() -> None:
     # The second fits better in space, but all else contradicts it.
     first, second = candidate(0.0, place=0.05), candidate(0.1, 0.05, place=0.01)
@@ -182,10 +198,25 @@ def test_certainty_never_rises_down_the_ranking() -> None:
 
 
 def test_mirror_images_rank_last_and_rival_only_each_other() -> None:
-    direct, mirrored, other = candidate(5.0), candidate(0.0, 0.5, mirrored=True), candidate(0.0, 0.9, mirrored=True)
+    direct, mirrored, other = candidate(1.0), candidate(0.0, 0.5, mirrored=True), candidate(0.0, 0.9, mirrored=True)
     ranked = sort_by_certainty([mirrored, direct, other], line(), line())
     assert [one.mirrored for one in ranked] == [False, True, True]
     assert certainties(direct, mirrored, other) == pytest.approx([0.99, 0.5, 0.5], abs=0.02)
+
+
+def test_no_map_is_certain_if_a_mirror_image_has_a_much_better_score() -> None:
+    # Bodies in opposite poses: of the maps that lag behind their mirror image so far, one in five is wrong.
+    image = candidate(0.0, 0.5, mirrored=True)
+    alone, near, far, farther = (
+        certainties(candidate(total), image)[0] for total in (0.0, CERTAINTY.image_lead - 1, 4.0, 1e3)
+    )
+    assert alone > near > 0.98
+    assert 0.75 < far < VERDICT.certain
+    assert far == pytest.approx(farther, abs=0.01)
+    # Less likely maps are not favoured, and the mirror image itself keeps its certainty.
+    first, second, mirrored = certainties(candidate(4.0), candidate(5.5, 0.5), image)
+    assert far >= first > 0.1 > second
+    assert mirrored == certainties(image)[0]
 
 
 def test_mirror_images_of_cloth_are_rivals() -> None:

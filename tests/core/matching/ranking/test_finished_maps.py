@@ -15,8 +15,9 @@ from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.hypotheses.hypothesis import Hypothesis
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis, analyse
+from zoomout_core.matching.ranking.candidate import Candidate
 from zoomout_core.matching.ranking.finished_maps import FINISHED_MAPS, rank_finished, refine_candidate
-from zoomout_core.matching.ranking.rank import Candidate, rank
+from zoomout_core.matching.ranking.rank import rank
 from zoomout_core.matching.ranking.scores import ENERGY
 from zoomout_core.matching.refinement.confidence import local_distortion
 from zoomout_core.matching.refinement.dense_map import dense_map

@@ -18,10 +18,10 @@ from solids import CUBE, ICOSAHEDRON, OCTAHEDRON, TETRAHEDRON, prism, pyramid, s
 
 import zoomout_core as zo
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis, analyse
+from zoomout_core.matching.ranking.certainty import certainty_but_for_turns
 from zoomout_core.matching.ranking.rotational_symmetry import (
     MAX_ROTATIONS,
     _promising,
-    certainty_but_for_turns,
     likely_turns,
     self_maps,
     with_turned,

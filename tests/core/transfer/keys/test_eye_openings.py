@@ -99,7 +99,9 @@ def test_the_inner_corner_is_halfway_between_the_opening_and_the_displacement(in
     np.testing.assert_allclose(shifts[corners & ~at_inner, 0], 0, atol=0.01)
 
 
-def test_openings_of_very_different_size_do_not_correspond() -> None:
-    chosen, shifts = match_rims(skin(), STILL, opening(skin()), opening(skin(0.7 * WIDTH, 0.5 * HEIGHT)), 0, HEAD)
-    assert chosen.shape == (0,)
-    assert shifts.shape == (0, 3)
+@pytest.mark.parametrize(("share", "corresponds"), [(0.4, False), (0.5, True)])
+def test_openings_of_very_different_size_do_not_correspond(share: float, corresponds: bool) -> None:
+    here, there = opening(skin()), opening(skin(WIDTH, share * HEIGHT))
+    chosen, shifts = match_rims(skin(), STILL, here, there, 0, HEAD)
+    assert (len(chosen) > 0) == corresponds
+    assert shifts.shape == (len(chosen), 3)

@@ -50,7 +50,7 @@ def test_registration_reduces_map_errors_on_the_face() -> None:
 @pytest.mark.parametrize(
     ("number", "value"),
     [
-        ("bending", (1e-12,) * 3),
+        ("bending", (1e-12,) * 4),
         ("first_bending", 1e-12),
         ("normal_weight", 1.0),
         ("iterations", 1),
@@ -106,10 +106,53 @@ def test_other_parts_that_keys_move_are_mapped_better(blinking: float, share: fl
     assert after < share * before
 
 
+LINE = PLACES[FACE.corners[0], 1]
+IS_UPPER = PLACES[:, 1] > LINE + 0.005
+ON_LIPS = (FACE.opens[0] > 0.5) & (np.abs(PLACES[:, 1] - LINE) < 0.12)
+
+
+def test_sides_of_the_mouth_are_those_of_the_lips() -> None:
+    guides = _face().guides()
+    for sides in (guides.here, guides.there):
+        share = np.where(IS_UPPER, 1, -1) * sides[:, 0] / face_registration.FACE_REGISTRATION.side_weight
+        assert share[ON_LIPS].min() > 0.5
+        assert share.max() <= 1
+
+
+def test_lips_that_overlap_are_not_exchanged() -> None:
+    overlap = 0.1 * FACE.opens[0] * np.exp(-(((PLACES[:, 1] - LINE) / 0.3) ** 2))
+    lips = np.where(IS_UPPER, -1, 1)
+    places = PLACES + np.outer(lips * overlap, (0, 1, 0)) - np.outer(IS_UPPER * overlap, (0, 0, 0.1))
+    target = FACE.surface.with_vertices(places)
+    mapped = MappedTarget(FACE.surface, target, nearest_map(places, FACE.surface), np.ones(len(PLACES)))
+    piece = face_registration._Piece.of(VALUES.any(axis=(1, 2)), 0, mapped)
+    assert piece is not None
+    none, sides = face_registration._Guides.none(piece), 0.2 * lips[:, None]
+
+    def exchanged(guides: face_registration._Guides) -> float:
+        """The share of the vertices of the lips whose images are on the other lip."""
+        triangle, weights, _ = piece.locate(piece.mesh.vertices, guides)
+        on_upper = np.einsum("tc,tc->t", weights, IS_UPPER[piece.mesh.triangles[triangle]]) > 0.5
+        return float((on_upper != IS_UPPER)[ON_LIPS].mean())
+
+    assert exchanged(none) > 0.5
+    assert exchanged(replace(none, here=sides, there=sides)) == 0
+
+
 @pytest.mark.filterwarnings("error")
 def test_lips_far_from_their_middle_follow_the_map(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(face_registration, "find_lips", lambda *_: np.array([0.0, -0.5, 9.0]))
+    assert _face()._find_mouth() is None
+
+
+def test_mouths_of_very_different_width_do_not_correspond(monkeypatch: pytest.MonkeyPatch) -> None:
+    face = _face()
+    assert face._find_mouth() is not None
+    monkeypatch.setattr(face_registration, "MAX_RATIO", 1.0)
+    assert face._find_mouth() is None
+
+
+def _face() -> face_registration._Face:
     piece = face_registration._Piece.of(VALUES.any(axis=(1, 2)), 0, map_to_wider_face())
     assert piece is not None
-    chosen, shifts = face_registration._Face.of(piece, EXPRESSIONS)._match_mouth()
-    assert (len(chosen), len(shifts)) == (0, 0)
+    return face_registration._Face.of(piece, EXPRESSIONS)

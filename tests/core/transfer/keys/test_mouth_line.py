@@ -18,6 +18,7 @@ from zoomout_core.transfer.keys.mouth_line import (
     find_lips,
     find_mouth_line,
     match_lips,
+    sides_of_mouth,
 )
 
 HEAD = HeadDirections(*np.eye(3), 1.0)
@@ -110,10 +111,49 @@ def test_lips_shift_to_those_of_a_wider_mouth() -> None:
     np.testing.assert_allclose(shifts[inner], expected[inner], atol=0.03)
 
 
-def test_mouths_of_very_different_width_do_not_correspond() -> None:
-    chosen, shifts = match_lips(skin(), np.ones(len(skin()), dtype=bool), line(), line(0.55 * WIDTH), HEAD)
-    assert chosen.shape == (0,)
-    assert shifts.shape == (0, 3)
+def test_line_bridges_a_short_gap_where_lips_are_level() -> None:
+    vertices = skin().copy()
+    vertices[np.abs(vertices[:, 0] - 0.11) < 0.015, 2] = 0
+    found = find_mouth_line(vertices, TRIANGLES, np.zeros(3), HEAD)
+    assert found is not None
+    np.testing.assert_allclose(found.corners, (-WIDTH, WIDTH), atol=0.04)
+
+
+def test_bands_beside_the_line_are_on_one_lip_each() -> None:
+    vertices, found = skin(), line()
+    for band, side in ((found.above, 1), (found.below, -1)):
+        beyond = side * (vertices[band, 1] - bow(vertices[band, 0]))
+        assert len(band) > 50
+        assert beyond.min() > 0
+        assert beyond.max() < 0.1
+
+
+def test_a_lip_hidden_behind_the_other_keeps_its_side() -> None:
+    flat = PLANE * (1, 1, 0)
+    upper, lower = flat[flat[:, 1] > -0.07] - (0, 0, 0.02), flat[flat[:, 1] < 0.01]
+    vertices, count = np.vstack([upper, lower]), len(upper)
+    places = np.concatenate([np.flatnonzero(flat[:, 1] > -0.07), np.flatnonzero(flat[:, 1] < 0.01)])
+    number = np.full((2, len(flat)), -1)
+    number[0, places[:count]], number[1, places[count:]] = np.arange(count), count + np.arange(len(lower))
+    triangles = np.concatenate([each[TRIANGLES] for each in number])
+    triangles = triangles[(triangles >= 0).all(axis=1)]
+    is_upper, y = np.arange(len(vertices)) < count, vertices[:, 1]
+    above, below = (np.flatnonzero(each) for each in (is_upper & (y > 0.01) & (y < 0.05), ~is_upper & (y > -0.05)))
+    sides = sides_of_mouth(vertices, triangles, replace(line(), above=above, below=below), HEAD)
+    np.testing.assert_array_equal(sides[is_upper & (y < 0.1)], 1)
+    np.testing.assert_array_equal(sides[~is_upper & (y > -0.1)], -1)
+
+
+def test_places_far_from_the_mouth_have_no_side() -> None:
+    sides = sides_of_mouth(skin(), TRIANGLES, line(), HEAD)
+    x, y = PLANE[:, 0], PLANE[:, 1] - bow(PLANE[:, 0])
+    assert np.abs(sides[np.abs(x) > 0.58]).max() < 0.1
+    assert (np.sign(y) * sides)[(np.abs(y) > 0.04) & (np.abs(y) < 0.1) & (np.abs(x) < 0.1)].min() > 0.4
+
+
+def test_lips_without_visible_bands_have_no_sides() -> None:
+    sides = sides_of_mouth(skin(), TRIANGLES, replace(line(), above=np.empty(0, dtype=np.int64)), HEAD)
+    assert not sides.any()
 
 
 @pytest.mark.parametrize(("opens", "found"), [(True, True), (False, False)])

@@ -93,6 +93,20 @@ def test_humanoid_bones_are_known_by_the_names_of_common_rigs(there: str) -> Non
         assert pair(bones, far, others[::-1], -far) == dict(zip(bones, others, strict=True)), here
 
 
+def test_makehumans_bones_are_known_though_its_limbs_are_divided_and_have_no_bone_for_all_toes() -> None:
+    there = [name for name in RIGS["mixamo"].split() if "Toe" not in name]
+    here = ["root", "spine04", "spine02", "head", "clavicle.L", "upperarm01.L", "lowerarm01.L", "wrist.L"]
+    here += ["upperleg01.L", "lowerleg01.L", "foot.L", "finger1-1.L", "finger5-3.L"]
+    far = np.full((len(here) + 1, 3), 1e3)
+    divided = [*here, "upperarm02.L"]
+    assert pair(divided, far, there[::-1], -far[1:]) == dict(zip(here, there, strict=True))
+
+
+def test_numbers_in_another_order_name_another_bone() -> None:
+    assert pair(["toe1-2.L"], HEADS[:1], ["Toe2-1_L"], HEADS[:1] + 10) == {}
+    assert pair(["toe1-2.L"], HEADS[:1], ["L_Toe1_2"], HEADS[:1] + 10) == {"toe1-2.L": "L_Toe1_2"}
+
+
 def test_a_spine_of_three_bones_is_that_of_an_older_mannequin() -> None:
     names = [*RIGS["unreal 5"].split(), "spine_02"]
     assert humanoid_bones(names)["chest"] == "spine_02"

@@ -12,7 +12,7 @@ from zoomout_core.mesh.affine_maps import transform_points
 from zoomout_core.samples.spheres import ball
 from zoomout_core.transfer import map_target
 from zoomout_core.transfer.rigging.bone_fit import BONES, Pose
-from zoomout_core.transfer.rigging.rest_pose import REST, align, find_pose
+from zoomout_core.transfer.rigging.rest_pose import REST, align, correct_map, find_pose
 from zoomout_core.transfer.rigging.skinning import skinning_matrices
 from zoomout_core.tuning import retune
 
@@ -52,6 +52,30 @@ def test_slid_map_is_replaced_where_the_target_lies_on_the_source():
     at_rest = found.mapped.points - still.vertices
     assert np.median(np.linalg.norm(at_rest, axis=1)) < 0.07
     assert first.mapped.surface_map is mapped.surface_map
+
+
+def test_bones_correct_a_slid_map_on_the_same_body_alone():
+    source, still = tube(), tube(13, 55, turned=0.4)
+    weights, target = weights_of(source.vertices), pose_surface(still, bend(*SOFT))
+    mapped = _map_at_rest(source, target, still.vertices, shift=0.12, confidence=np.full(len(still.vertices), 0.2))
+    corrected = correct_map(mapped, find_pose(mapped, source, weights, PARENTS), weights)
+    off, before = (np.linalg.norm(each.points - still.vertices, axis=1) for each in (corrected, mapped))
+    assert np.median(off) < 0.6 * np.median(before)
+    assert (corrected.confidence >= mapped.confidence).all()
+    assert np.median(corrected.confidence) > 0.2
+    wide = still.with_vertices(still.vertices * [1.5, 1.5, 1])
+    other = _map_at_rest(source, pose_surface(wide, bend(*SOFT)), still.vertices)
+    assert correct_map(other, find_pose(other, source, weights, PARENTS), weights) is other
+
+
+def test_bones_correct_the_map_also_where_normals_differ():
+    source, still = tube(), tube(13, 55, turned=0.4)
+    weights, target = weights_of(source.vertices), pose_surface(still, bend(*SOFT))
+    mapped = _map_at_rest(source, target, still.vertices, shift=0.12)
+    posed = find_pose(mapped, source, weights, PARENTS)
+    with retune(REST, facing=0.999999):  # no normals agree so well
+        corrected = correct_map(mapped, posed, weights)
+    assert (np.linalg.norm(corrected.points - mapped.points, axis=1) > 0.02).mean() > 0.9
 
 
 def test_noise_does_not_make_another_body():

@@ -22,7 +22,7 @@ HEADER = 0xA0
 BITS = np.array([0, 2, 4, 8])
 MORE_BITS = np.array([[0, 1, 2, 4], [1, 2, 4, 8]])
 GROUP = 16
-# Bytes of a block, elements of a block, and bytes at the end of a stream in each version, at most and at least.
+# Maximum of bytes and of elements in a block, and minimum of bytes at the end of a stream, by version.
 BLOCK_BYTES, BLOCK_ELEMENTS, TAIL = 8192, 256, (32, 24)
 
 

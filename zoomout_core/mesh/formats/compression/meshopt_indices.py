@@ -256,7 +256,7 @@ def decode_indices(content: bytes, count: int) -> Integers:
 
 
 def _sign(value: int) -> int:
-    """The difference that a number without a sign stands for."""
+    """Decode a signed difference from an unsigned number."""
     return value >> 1 ^ -(value & 1)
 
 

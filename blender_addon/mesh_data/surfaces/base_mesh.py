@@ -31,7 +31,7 @@ from .surfaces import (
 
 # Name of an attribute on a temporary mesh.
 CARRIED = "zoomout_carried"
-# Modifiers that pose any mesh: after one that adds vertices, they move the base likewise.
+# Modifiers that pose any mesh: after one that adds vertices, they still move the base in the same way.
 POSING = frozenset({"ARMATURE", "LATTICE"})
 
 
@@ -118,8 +118,8 @@ def read_mirrored_surface(obj: Object, depsgraph: Depsgraph) -> zo.Surface | Non
 
     Returns:
         The whole surface, in world space. It begins with the vertices of the mesh itself, except that the modifier may
-        merge some into the plane. None without a Mirror modifier, if others that change vertices come first, or if it
-        bisects the mesh.
+        merge some into the plane. None if there is no Mirror modifier, if others that change vertices come first, or
+        if it bisects the mesh.
     """
     generating = [one for one in obj.modifiers if one.show_viewport and one.type not in VERTEX_PRESERVING]
     if not generating or generating[0].type != "MIRROR" or any(generating[0].use_bisect_axis):

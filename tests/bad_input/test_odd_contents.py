@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Files with valid but unusual contents are read, and what is left out of them is noted."""
+
+from __future__ import annotations
+
+from base64 import b64encode
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from broken_gltf import content_of, document
+
+import zoomout_core as zo
+from zoomout_core.arrays import Floats
+from zoomout_core.mesh.formats.files import read_shape
+from zoomout_core.mesh.formats.ply_files import strip_triangles
+from zoomout_core.mesh.surface import MeshError
+from zoomout_core.samples import creature
+
+OBJ = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
+
+
+def with_own_attribute(tree: dict[str, Any]) -> None:
+    tree["meshes"][0]["primitives"][0]["attributes"]["_HEAT"] = 0
+
+
+def with_unknown_extension(tree: dict[str, Any]) -> None:
+    tree["extensionsRequired"] = ["EXT_bent_space", "KHR_materials_unlit"]
+
+
+def with_joints_alone(tree: dict[str, Any]) -> None:
+    tree["accessors"].append({"componentType": 5121, "count": 3, "type": "VEC4"})
+    tree["meshes"][0]["primitives"][0]["attributes"]["JOINTS_0"] = 3
+    tree["nodes"][2]["skin"], tree["skins"] = 0, [{"joints": [0, 1]}]
+
+
+def with_nan_weights(tree: dict[str, Any]) -> None:
+    with_joints_alone(tree)
+    content = np.full((3, 4), np.nan, "<f4").tobytes()
+    tree["buffers"].append({"byteLength": len(content), "uri": f"data:;base64,{b64encode(content).decode()}"})
+    tree["bufferViews"].append({"buffer": len(tree["buffers"]) - 1, "byteLength": len(content)})
+    view = len(tree["bufferViews"]) - 1
+    tree["accessors"].append({"bufferView": view, "componentType": 5126, "count": 3, "type": "VEC4"})
+    tree["meshes"][0]["primitives"][0]["attributes"]["WEIGHTS_0"] = len(tree["accessors"]) - 1
+
+
+NOTED: dict[str, tuple[Callable[[dict[str, Any]], None], str]] = {
+    "an attribute of its own": (with_own_attribute, "contains the vertex attributes _HEAT, which are left out"),
+    "an unknown extension": (with_unknown_extension, "requires EXT_bent_space, which is not read: check the meshes"),
+    "weights that are not numbers": (with_nan_weights, "have no skin weights and follow the first joint"),
+    "joints without weights": (with_joints_alone, "have no skin weights and follow the first joint"),
+}
+
+
+@pytest.mark.parametrize("name", NOTED)
+def test_left_out_contents_of_gltf_are_noted(name: str, tmp_path: Path) -> None:
+    change, said = NOTED[name]
+    tree, path = document(), tmp_path / "odd.gltf"
+    change(tree)
+    path.write_bytes(content_of(tree))
+    (note,) = zo.read_asset(path).notes
+    assert said in note
+
+
+def test_primitive_without_attributes_is_skipped(tmp_path: Path) -> None:
+    tree, path = document(), tmp_path / "odd.gltf"
+    tree["meshes"][0]["primitives"].append({"attributes": {}})
+    path.write_bytes(content_of(tree))
+    for surface in (zo.read_asset(path).surface, read_shape(path)):
+        assert isinstance(surface, zo.Surface)
+        assert len(surface.triangles) == 1
+
+
+def test_rotation_of_zeros_is_named(tmp_path: Path) -> None:
+    tree, path = document(), tmp_path / "odd.gltf"
+    tree["nodes"][2]["rotation"] = [0, 0, 0, 0]
+    path.write_bytes(content_of(tree))
+    with pytest.raises(MeshError, match="the rotation of a node is 0, 0, 0, 0"):
+        zo.read_asset(path)
+
+
+@pytest.mark.parametrize("strip", [[[0, 1, 2, 3]], [[0, 1, 2], [2, 1, 3]], [[0, 1, 2, -1, 2, 1, 3]], [[0, 1, 2, 3, 3]]])
+def test_strips_become_triangles(strip: list[list[int]]) -> None:
+    assert strip_triangles(strip).tolist() == [[0, 1, 2], [2, 1, 3]]
+
+
+def test_strips_of_ply_are_read(tmp_path: Path) -> None:
+    path = tmp_path / "strips.ply"
+    header = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n"
+    header += "element tristrips 1\nproperty list int int vertex_indices\nend_header\n"
+    path.write_text(header + "0 0 0\n1 0 0\n0 1 0\n1 1 0\n4 0 1 2 3\n")
+    assert zo.read_surface(path).area == zo.read_asset(path).surface.area == 1
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (f"{OBJ}l 1 2 3\n", "contains points or lines, which are left out"),
+        (f"{OBJ}p 1\n", "contains points or lines, which are left out"),
+        (OBJ.replace("v 1 0 0", "v 1 0 0 1 0 0"), "has colors for only 1 of 3 vertices: they are left out"),
+    ],
+)
+def test_left_out_contents_of_obj_are_noted(content: str, said: str, tmp_path: Path) -> None:
+    path = tmp_path / "odd.obj"
+    path.write_text(content)
+    (note,) = zo.read_asset(path).notes
+    assert said in note
+
+
+@pytest.mark.parametrize("ending", ["glb", "obj", "ply"])
+def test_written_values_are_finite_and_complete(ending: str, tmp_path: Path) -> None:
+    surface, path = creature(100).surface, tmp_path / f"a.{ending}"
+    uv = np.random.default_rng(0).random((len(surface.corner_vertex), 2))
+    uv[5] = np.nan
+    (note,) = zo.write_asset(zo.Asset(surface, (uv_map(uv),)), path)
+    assert note.startswith("1 of 588 values of 'uv 0' are not finite")
+    written = zo.read_asset(path).find("uv 0")
+    assert written is not None
+    assert np.isfinite(written.values).all()
+    with pytest.raises(MeshError, match="'uv 0' has 3 values for 588 corners: give one for each"):
+        zo.write_asset(zo.Asset(surface, (uv_map(uv[:3]),)), path)
+
+
+def uv_map(values: Floats) -> zo.Attribute:
+    return zo.Attribute("uv 0", zo.Domain.CORNER, zo.Kind.UV, values)
+
+
+def test_empty_file_name_is_named() -> None:
+    with pytest.raises(MeshError, match="name of the file is empty: give its path"):
+        zo.read_asset("")
