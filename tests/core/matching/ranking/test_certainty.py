@@ -204,18 +204,24 @@ def test_mirror_images_rank_last_and_rival_only_each_other() -> None:
     assert certainties(direct, mirrored, other) == pytest.approx([0.99, 0.5, 0.5], abs=0.02)
 
 
-def test_no_map_is_certain_if_a_mirror_image_has_a_much_better_score() -> None:
-    # Bodies in opposite poses: of the maps that lag behind their mirror image so far, one in five is wrong.
+def test_no_map_is_certain_if_a_much_better_mirror_image_is_nearer_to_it_than_to_a_rival() -> None:
+    # Bodies in opposite poses: a map that exchanges only the arms shares them with the mirror image.
     image = candidate(0.0, 0.5, mirrored=True)
-    alone, near, far, farther = (
-        certainties(candidate(total), image)[0] for total in (0.0, CERTAINTY.image_lead - 1, 4.0, 1e3)
-    )
-    assert alone > near > 0.98
+    farther, nearer = -0.5, 0.4  # shifts of rivals
+
+    def first_of(total: float, shift: float, lag: float = 2.0) -> float:
+        return certainties(candidate(total), candidate(total + lag, shift), image)[0]
+
+    level, near, far, very_far = (first_of(total, farther) for total in (0.0, CERTAINTY.image_lead - 1, 4.0, 1e3))
+    assert level > near > 0.98
     assert 0.75 < far < VERDICT.certain
-    assert far == pytest.approx(farther, abs=0.01)
-    # Less likely maps are not favoured, and the mirror image itself keeps its certainty.
-    first, second, mirrored = certainties(candidate(4.0), candidate(5.5, 0.5), image)
-    assert far >= first > 0.1 > second
+    assert far == pytest.approx(very_far, abs=0.01)
+    # The map that is farthest from the mirror image is right, unless it has a much worse score than the first one.
+    assert first_of(4.0, nearer) > 0.98
+    assert first_of(4.0, farther, lag=CERTAINTY.image_rival + 0.1) > 0.98
+    # Rivals are not favoured, and the mirror image itself keeps its certainty.
+    first, rival, mirrored = certainties(candidate(4.0), candidate(5.5, farther), image)
+    assert far >= first > 0.1 > rival
     assert mirrored == certainties(image)[0]
 
 
