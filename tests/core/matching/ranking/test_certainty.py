@@ -210,19 +210,36 @@ def test_no_map_is_certain_if_a_much_better_mirror_image_is_nearer_to_it_than_to
     farther, nearer = -0.5, 0.4  # shifts of rivals
 
     def first_of(total: float, shift: float, lag: float = 2.0) -> float:
-        return certainties(candidate(total), candidate(total + lag, shift), image)[0]
+        return sort_by_certainty([candidate(total), candidate(total + lag, shift), image], line(), line())[0].certainty
 
-    level, near, far, very_far = (first_of(total, farther) for total in (0.0, CERTAINTY.image_lead - 1, 4.0, 1e3))
+    level, near, far, very_far = (first_of(total, farther) for total in (0.0, CERTAINTY.image_lead - 0.8, 4.0, 1e3))
     assert level > near > 0.98
     assert 0.75 < far < VERDICT.certain
     assert far == pytest.approx(very_far, abs=0.01)
     # The map that is farthest from the mirror image is right, unless it has a much worse score than the first one.
     assert first_of(4.0, nearer) > 0.98
     assert first_of(4.0, farther, lag=CERTAINTY.image_rival + 0.1) > 0.98
-    # Rivals are not favoured, and the mirror image itself keeps its certainty.
-    first, rival, mirrored = certainties(candidate(4.0), candidate(5.5, farther), image)
-    assert far >= first > 0.1 > rival
-    assert mirrored == certainties(image)[0]
+    # Certainties still fall, and the mirror image itself keeps its own.
+    first, *others, mirrored = sort_by_certainty([candidate(4.0), candidate(5.5, farther), image], line(), line())
+    assert far >= first.certainty > 0.1 > others[0].certainty
+    assert mirrored.certainty == certainties(image)[0]
+
+
+def test_the_map_farthest_from_a_much_better_mirror_image_comes_first() -> None:
+    image, nearest = candidate(0.0, 0.5, mirrored=True), candidate(4.5, 0.4)
+
+    def first_of(total: float, shift: float, lag: float = 2.0) -> str:
+        rival = candidate(total + lag, shift)
+        ranked = sort_by_certainty([candidate(total), replace(rival, origin="rival"), nearest, image], line(), line())
+        return ranked[0].origin
+
+    assert first_of(4.0, -0.5) == "rival"
+    for total, shift, lag in (
+        (CERTAINTY.image_lead - 0.1, -0.5, 2.0),  # the mirror image does not lead clearly
+        (4.0, -0.5, CERTAINTY.image_rival + 0.1),  # the rival has a much worse score
+        (4.0, -0.02, 2.0),  # the rival is hardly farther
+    ):
+        assert first_of(total, shift, lag) != "rival"
 
 
 def test_mirror_images_of_cloth_are_rivals() -> None:
