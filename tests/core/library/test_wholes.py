@@ -139,6 +139,22 @@ def test_no_other_asset_is_tried_if_the_first_is_hardly_larger(
     assert len(scales) == tried
 
 
+@pytest.mark.parametrize(("wholes", "matched"), [([], 1), (None, 2)])
+def test_a_part_without_a_place_is_matched_with_few_assets(
+    wholes: list[FoundWhole] | None,
+    matched: int,
+    part: Body,
+    assets: list[LibraryAsset],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    result = SimpleNamespace(certainty=0.3, chosen=0, candidates=[SimpleNamespace(scores={"total": -11.0})])
+    monkeypatch.setattr(search_module, "match", lambda *_: result)
+    monkeypatch.setattr(search_module, "find_wholes", lambda *_: wholes)
+    monkeypatch.setattr(search_module, "bodies_of", lambda surface: {MAIN_PART: part})
+    with retune(search_module.SEARCH, matched_after=1, max_difference=1000.0, beyond=100.0):
+        assert len(search(part.surface, assets).ranked) == matched
+
+
 @pytest.mark.parametrize("certainty", [0.9, 0.3])
 def test_a_search_says_that_the_target_is_a_part(
     certainty: float, part: Body, assets: list[LibraryAsset], monkeypatch: pytest.MonkeyPatch
