@@ -103,7 +103,11 @@ class SurfaceMap(Summary):
         """The map at points (q, 3) in the target's triangles (q,), such as corners or samples inside its faces.
 
         The images of the corners are mixed in space, and the mixture is projected to the source.
+
+        Raises:
+            ValueError: these are not numbers of the target's triangles.
         """
+        triangle = vertex_numbers(triangle, len(target.triangles), "Triangles of the target", "triangle")
         images = self.interpolate(source.vertices)[target.triangles[triangle]]
         points = np.einsum("qc,qcx->qx", barycentric, images)
         return SurfaceMap(*closest_points(points, source.vertices, self.source_triangles), self.source_triangles)

@@ -233,6 +233,12 @@ class MatchResult(Summary):
         save_object(path, self, STORED)
 
 
+def check_result(result: object) -> None:
+    """Raise a TypeError unless a user's result is one of `match`."""
+    if not isinstance(result, MatchResult):
+        raise TypeError(f"A result of `match` is needed, not a {type(result).__name__}.")
+
+
 def outline(pair: Pair, sample_map: Integers) -> tuple[Integers, Integers]:
     """(s,) some vertices of the target's main part, and (s,) vertices of the source near their images.
 

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
@@ -164,6 +164,7 @@ def dress_all(
     """
     engine = InThisProcess() if engine is None else engine
     names, failures = _names([*outfits, *avatars]), dict[str, str]()
+    earlier = set((folder / BODIES).glob("*"))
     bodies = _write_bodies(outfits, avatars, names, folder, files, failures)
     wanted = [
         (outfit, avatar)
@@ -172,6 +173,7 @@ def dress_all(
         if names[outfit] in bodies and names[avatar] in bodies and not is_same_file(outfit, avatar)
     ]
     if not wanted:
+        _remove_bodies(folder / BODIES, earlier)
         reasons = " ".join(dict.fromkeys(failures.values()))
         raise MeshError(reasons or "Every outfit is that of the only avatar: give other outfits or avatars.")
     with portion(0, MATCHED):
@@ -237,6 +239,14 @@ def _write_bodies(
             made.unlink()
         found[names[path]] = first
     return found
+
+
+def _remove_bodies(place: Path, kept: Collection[Path]) -> None:
+    """Remove the files of bodies that are not kept, and the folder if it is empty then."""
+    for path in set(place.iterdir()).difference(kept):
+        path.unlink()
+    if not kept:
+        place.rmdir()
 
 
 def _match_bodies(

@@ -69,6 +69,15 @@ def test_invalid_outfits_are_reported(outfits: str, reason: str, dolls: Path, tm
     done = run(place / outfits, dolls / "dressed.glb", "-o", tmp_path / "out")
     assert done.exit_code == 1
     assert reason in done.output
+    assert not (tmp_path / "out" / "bodies").exists()
+
+
+def test_failed_run_keeps_earlier_bodies(dolls: Path, tmp_path: Path) -> None:
+    bodies = tmp_path / "bodies"
+    bodies.mkdir()
+    (bodies / "earlier.ply").write_text("earlier")
+    assert run(dolls / "naked.glb", dolls / "dressed.glb", "-o", tmp_path).exit_code == 1
+    assert [path.name for path in bodies.iterdir()] == ["earlier.ply"]
 
 
 def test_inputs_in_the_output_folder_are_refused(dolls: Path, tmp_path: Path) -> None:
