@@ -18,6 +18,7 @@ from zoomout_core.arrays import Bytes
 from zoomout_core.library.pictures import draw_pair
 from zoomout_core.mesh.formats.blender_files import BLEND
 from zoomout_core.messages import message
+from zoomout_core.runtime.input_files import check_path
 from zoomout_core.runtime.progress import portion
 from zoomout_core.transfer import Attribute
 
@@ -71,7 +72,10 @@ def find_source(context: Context, target: Object, folders: Sequence[str]) -> Sea
 
     Raises:
         MeshError: the target has no surface, or a folder is missing or has no characters.
+        TypeError: the folders are not a list.
     """
+    if isinstance(folders, str | Path):
+        raise TypeError(f"The folders are {str(folders)!r:.60}: give a list of them, such as ['characters'].")
     return run(find_source_async(context, name_of(target), folders))
 
 
@@ -160,6 +164,7 @@ def append_source(context: Context, path: str | Path, joints: Sequence[str] = ()
     Raises:
         MeshError: the file cannot be read, or has no mesh, or the active object has none of the groups.
     """
+    check_path(path)
     selected, target = context.selected_objects, context.view_layer.objects.active
     mask = _sum_of_groups(target, joints) if joints else None
     with mesh_data.all_or_nothing():

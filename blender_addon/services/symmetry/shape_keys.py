@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import replace
 from functools import partial
-from typing import Literal, TypeAlias
+from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 from bpy.types import Context, Object
@@ -65,6 +65,8 @@ async def mirror_shape_key_async(
     context: Context, name: str, key_name: str, mode: KeyMode, direction: Direction, blend: float
 ) -> str:
     """`mirror_shape_key` as a coroutine, which keeps no Blender data across an `await`."""
+    if mode not in get_args(KeyMode):
+        raise ValueError(f"mode is {mode!r}: choose one of {', '.join(get_args(KeyMode))}.")
     obj = writable_mesh(context, name)
     symmetry = stored_symmetry.read(obj)
     with stage(READING, 0, 0):
