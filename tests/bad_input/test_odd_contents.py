@@ -164,6 +164,17 @@ def uv_map(values: Floats) -> zo.Attribute:
     return zo.Attribute("uv 0", zo.Domain.CORNER, zo.Kind.UV, values)
 
 
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-32-le"])
+def test_obj_in_unicode_of_windows_is_read(encoding: str, tmp_path: Path) -> None:
+    path = tmp_path / "odd.obj"
+    path.write_bytes(OBJ.encode(encoding))
+    if encoding == "utf-32-le":
+        with pytest.raises(MeshError):
+            zo.read_surface(path)
+    else:
+        assert zo.read_surface(path).area == zo.read_asset(path).surface.area == 0.5
+
+
 def test_empty_file_name_is_named() -> None:
     with pytest.raises(MeshError, match="name of the file is empty: give its path"):
         zo.read_asset("")

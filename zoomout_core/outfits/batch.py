@@ -222,7 +222,6 @@ def _write_bodies(
 ) -> dict[str, Path]:
     """Write the body of each file; outfits or avatars with the same body share its file."""
     place = folder / BODIES
-    place.mkdir(parents=True, exist_ok=True)
     found, known = dict[str, Path](), dict[tuple[bool, bytes], Path]()
     wearing = set(outfits)
     for path in dict.fromkeys([*outfits, *avatars]):
@@ -232,6 +231,7 @@ def _write_bodies(
             failures[names[path]] = str(error)
             continue
         made = place / f"{names[path]}.ply"
+        place.mkdir(parents=True, exist_ok=True)
         with atomic_write(made) as part:
             write_shape(body, part)
         first = known.setdefault((path in wearing, made.read_bytes()), made)
@@ -243,9 +243,9 @@ def _write_bodies(
 
 def _remove_bodies(place: Path, kept: Collection[Path]) -> None:
     """Remove the files of bodies that are not kept, and the folder if it is empty then."""
-    for path in set(place.iterdir()).difference(kept):
+    for path in set(place.glob("*")).difference(kept):
         path.unlink()
-    if not kept:
+    if not kept and place.exists():
         place.rmdir()
 
 
