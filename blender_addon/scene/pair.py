@@ -44,11 +44,11 @@ def name_of(obj: object) -> str:
 
 
 def names_of(objects: object) -> list[str]:
-    """The names of a list of objects that a script gives.
+    """The names of a script's list of objects.
 
     Raises:
         MeshError: one was removed from the file.
-        TypeError: it is no list of objects.
+        TypeError: they are not a list of objects.
     """
     if isinstance(objects, Object) or not isinstance(objects, Iterable):
         raise TypeError(f"{objects!r:.60} is not a list of objects: give one, such as [bpy.data.objects['Hat']].")

@@ -149,7 +149,7 @@ def test_odd_target_is_matched_or_refused_in_a_sentence(name: str) -> None:
         np.testing.assert_allclose(weights, 1, atol=1e-3)
 
 
-# Calls of a script with wrong arguments, and what is said.
+# Calls of a script with wrong arguments, and the error messages.
 CALLS: dict[str, tuple[Callable[[Object, Object], object], str]] = {
     "no object": (lambda source, _: api.match_objects(bpy.context, source, None), "None is not an object: give one"),
     "a name": (lambda _, target: api.wrap(bpy.context, "Source", target), "'Source' is not an object: give one"),

@@ -21,6 +21,7 @@ from zoomout_core.cli import main
 from zoomout_core.matching.constraints import check_axes
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.outputs import OutputError
+from zoomout_core.transfer import Blend
 
 SURFACE = creature(100).surface
 SAME = zo.SurfaceMap(np.zeros(100, dtype=int), np.tile([1.0, 0, 0], (100, 1)), SURFACE.triangles)
@@ -142,6 +143,9 @@ WRONG: dict[str, Callable[[], object]] = {
     "errors of fractions": lambda: zo.geodesic_error(np.full(100, 0.5), SURFACE, np.arange(100), np.arange(100)),
     "smoothness in words": lambda: zo.wrap(SAME, SURFACE, SURFACE, smoothness="high"),  # type: ignore[arg-type]
     "a mask in words": lambda: zo.wrap(SAME, SURFACE, SURFACE, mask="all"),
+    "stiffness in words": lambda: zo.dress(SAME, SURFACE, SURFACE, [SURFACE], stiffness="stiff"),  # type: ignore[arg-type]
+    "a gap in words": lambda: zo.dress(SAME, SURFACE, SURFACE, [SURFACE], gap="wide"),  # type: ignore[arg-type]
+    "a blend in words": lambda: Blend(factor="half"),  # type: ignore[arg-type]
     "a number as clothes": lambda: zo.dress(SAME, SURFACE, SURFACE, [3]),  # type: ignore[list-item]
     "clothes without a list": lambda: zo.dress(SAME, SURFACE, SURFACE, SURFACE),  # type: ignore[arg-type]
     "keys in words": lambda: zo.follow_keys(SURFACE, "smile", [SURFACE]),

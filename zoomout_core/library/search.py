@@ -151,7 +151,7 @@ class FoundSources(Summary):
 
     @property
     def note(self) -> str:
-        """What is special about the best source: that the target is only a part of it; else empty."""
+        """A note that the target is only a part of the best source, else empty."""
         best = self.best
         return message(IS_PART, name=best.name) if best is not None and best.is_part else ""
 

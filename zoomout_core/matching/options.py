@@ -5,12 +5,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from numbers import Integral
 from typing import Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from zoomout_core.arrays import check_count
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.constraints import Landmarks, Regions
 
@@ -134,9 +134,3 @@ def check_sizes(k_final: int, step: int, samples: int, proxy_vertices: int | Lit
     ):
         if value is not None or name != "proxy_vertices":
             check_count(name, value, least)
-
-
-def check_count(name: str, value: object, least: int) -> None:
-    """Raise a ValueError if a value is not a whole number, or below a minimum."""
-    if isinstance(value, bool) or not isinstance(value, Integral) or value < least:
-        raise ValueError(f"{name} is {value!r}: give a whole number of {least} or more.")

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.sparse import csr_array, diags_array
 
-from zoomout_core.arrays import Floats, to_floats
+from zoomout_core.arrays import Floats, check_fractions, to_floats
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import unit_vectors
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind, is_nothing, mean_over_vertices
@@ -40,8 +40,7 @@ class Blend:
     def __post_init__(self) -> None:
         if self.mode not in MODES:
             raise ValueError(f"The mode is {self.mode!r}: choose one of {', '.join(MODES)}.")
-        if not 0 <= self.factor <= 1:
-            raise ValueError(f"The factor is {self.factor!r}: give a number from 0 to 1.")
+        check_fractions(factor=self.factor)
 
     @property
     def replaces(self) -> bool:

@@ -320,7 +320,7 @@ class _Face:
 
 @dataclass(frozen=True, eq=False)
 class _Guides:
-    """What keeps features of a face in place while it is deformed."""
+    """Constraints that keep features of a face in place while it is deformed."""
 
     pins: _Pins
     here: Floats  # (n, 1) sides of the mouth at the source's vertices, as lengths; see `sides_of_mouth`

@@ -176,7 +176,7 @@ def test_finished_map_of_lower_energy_ranks_first() -> None:
     assert ranked[0].certainty > 0.7 > 0.3 > ranked[1].certainty > ranked[2].certainty
 
 
-def test_of_two_finished_maps_of_closed_shapes_the_less_torn_one_ranks_first() -> None:
+def test_less_torn_finished_map_of_closed_shapes_ranks_first() -> None:
     energies = np.full(COUNT, 0.1)
     ahead, behind = finish(candidate(0.0), energies), finish(candidate(0.5, 0.5), energies)
     ahead, behind = (replace(one, scores=one.scores | {TORN: count}) for one, count in ((ahead, 30.0), (behind, 0.5)))
