@@ -275,7 +275,7 @@ def test_nearest_among_returns_the_nearest_candidate() -> None:
     ("initial", "arguments", "sentence"),
     [
         (np.eye(4), {"k_final": 101}, "bases of 100"),
-        (np.eye(4), {"k_final": 50, "step": 0}, "at least one"),
+        (np.eye(4), {"k_final": 50, "step": 0}, "whole number of 1 or more"),
         (np.eye(60), {"k_final": 50}, "larger than k_final"),
         (np.zeros(7, int), {"k_final": 50}, "for each of 2500"),
         (np.full(2500, 2500), {"k_final": 50}, "vertex numbers from 0 to 2499, but 2500 is not"),
