@@ -61,6 +61,9 @@ LINK = 3**-0.5
 # than the second number, at unit area. Shorter ones are hardly visible.
 STRETCHED, MIN_LENGTH = 2.0, 0.01
 
+STUCK_POINT = "1 point still intersects the skin: check it."
+STUCK_POINTS = "{count:,} points still intersect the skin: check these."
+
 
 @dataclass(frozen=True)
 class DressTuning(Tuning, set_by="outfits"):
@@ -251,7 +254,8 @@ class Outfit:
                 advance(done / len(self.layers))
         found = [fit.of_vertices(self.following) for fit in self.fits]
         vertices, turns, stretched = zip(*found, strict=True)
-        notes = (warning("{count:,} points still intersect the skin: check these.", count=stuck),) if stuck else ()
+        template = STUCK_POINT if stuck == 1 else STUCK_POINTS
+        notes = (warning(template, count=stuck),) if stuck else ()
         return Dressed(vertices, turns, stretched, notes, self)
 
 
