@@ -113,10 +113,9 @@ def align_avatars(shape: Floats, source: Asset, target: Asset) -> Floats:
         source: the body of the first avatar.
         target: that of the other one.
     """
-    bodies = rigged_body(source), rigged_body(target)
-    if bodies[0] is None or bodies[1] is None:
+    first, second = rigged_body(source), rigged_body(target)
+    if first is None or second is None:
         return shape
-    first, second = bodies
     return align_joints(source.surface, shape, target.surface, JointPairs.of(first.bones, first.weights, second.bones))
 
 
