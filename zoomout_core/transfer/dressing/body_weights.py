@@ -52,6 +52,9 @@ BODY_WEIGHTS = BodyWeightTuning()
 COLUMNS = 32
 # Bones per vertex that every format and engine supports. Objects and bodies with fewer may get this number.
 BONES = 4
+# Skin below cloth may have this multiple of the weight that the same skin has of a bone. Near joints, where a shape
+# slides a little, weights differ by less; those of a touching limb differ by more.
+MORE = 4.0
 
 
 class WeightedBody(NamedTuple):
@@ -99,7 +102,7 @@ def follow_weights(
     for thing, moved, given, mask in zip(worn, fitted, weights, masks, strict=True):
         below = [skin.weights_below(points) for skin, points in zip(skins, (thing.vertices, moved), strict=True)]
         if same_skin is not None:
-            below[1] = _keep_bones_of(below[1], same_skin.weights_below(thing.vertices))
+            below[1] = _bound_by(below[1], same_skin.weights_below(thing.vertices))
         change = csr_array(diags_array(_agreement(given, below[0])) @ (below[1] - below[0]))
         smoothed = _smooth(Form.of(thing, skins[0].unit), change)
         changed = _add(given, smoothed if mask is None else csr_array(diags_array(1 - mask) @ smoothed))
@@ -162,9 +165,9 @@ def _weights_in_shape(body: Surface, shape: Floats, other: WeightedBody) -> csr_
     return normalise(csr_array(nearest @ other.weights))
 
 
-def _keep_bones_of(below: csr_array, same: csr_array) -> csr_array:
-    """Weights (n, b) of the skin below, of the bones that move the same skin (n, b) only; else those of that skin."""
-    kept = normalise(csr_array(below.multiply(same.astype(bool))))
+def _bound_by(below: csr_array, same: csr_array) -> csr_array:
+    """Weights (n, b) of the skin below, bounded by multiples of those of the same skin (n, b); else the latter."""
+    kept = normalise(csr_array(below.minimum(MORE * same)))
     has_none = np.asarray(kept.sum(axis=1)).ravel() == 0
     return csr_array(kept + diags_array(has_none.astype(np.float64)) @ same)
 
