@@ -102,7 +102,7 @@ def follow_weights(
     for thing, moved, given, mask in zip(worn, fitted, weights, masks, strict=True):
         below = [skin.weights_below(points) for skin, points in zip(skins, (thing.vertices, moved), strict=True)]
         if same_skin is not None:
-            below[1] = _bound(below[1], same_skin.weights_below(thing.vertices))
+            below[1] = _clip(below[1], same_skin.weights_below(thing.vertices))
         change = csr_array(diags_array(_agreement(given, below[0])) @ (below[1] - below[0]))
         smoothed = _smooth(Form.of(thing, skins[0].unit), change)
         changed = _add(given, smoothed if mask is None else csr_array(diags_array(1 - mask) @ smoothed))
@@ -165,7 +165,7 @@ def _weights_in_shape(body: Surface, shape: Floats, other: WeightedBody) -> csr_
     return normalise(csr_array(nearest @ other.weights))
 
 
-def _bound(below: csr_array, same: csr_array) -> csr_array:
+def _clip(below: csr_array, same: csr_array) -> csr_array:
     """Weights (n, b) of the skin below, bounded by multiples of those of the same skin (n, b); else the latter."""
     kept = normalise(csr_array(below.minimum(MORE * same)))
     has_none = np.asarray(kept.sum(axis=1)).ravel() == 0
