@@ -32,6 +32,7 @@ from ..scene.pair import find_mesh, source_mesh, target_mesh
 from ..storage import stored_match
 from ..storage.stored_match import Match
 from ..storage.stored_report import transfer_report
+from .matching.bone_match import correct_match
 from .matching.half_match import HalfResult
 from .matching.initial_maps import map_of_file, same_order
 from .matching.parts import read_parts
@@ -131,6 +132,7 @@ async def match_pair(
             )
         )
         result = HalfResult.of(result, pair.target)
+    result = await correct_match(context, pair, result)
     return replace(result, notes=(*notes, *on_parts, *result.notes))
 
 

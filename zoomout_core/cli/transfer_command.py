@@ -300,7 +300,9 @@ def _run_job(
             made = transfer_asset(source, target, result, choices.kinds, shape, move_rig=choices.move_rig, mask=mask)
         written, named = made.asset, list[str]()
         if choices.keep_map:
-            written = replace(written, stored_map=stored_map_of(result, source.surface, tuple(choices.kinds)))
+            written = replace(
+                written, stored_map=stored_map_of(made.mapped or result, source.surface, tuple(choices.kinds))
+            )
         if choices.key_names:
             written, keys, named = rename_keys(made.asset, choices.key_names)
             report["key_names"] = asdict(keys)

@@ -220,6 +220,10 @@ class MatchResult(Summary):
             raise ValueError(f"There is no candidate {candidate!r}: they are numbered 0 to {len(self.candidates) - 1}.")
         return replace(make_result(self.pair, self.candidates, candidate), names=self.names)
 
+    def meet_landmarks(self, surface_map: SurfaceMap) -> SurfaceMap:
+        """Bend a map that was corrected later to the exact landmarks, if the match has any."""
+        return meet_exact_landmarks(surface_map, self.pair)
+
     def save(self, path: str | PathLike[str]) -> None:
         """Write the whole result, other candidates included, to an .npz file that `load_result` reads.
 

@@ -19,6 +19,7 @@ from ...storage.stored_candidates import CandidateList
 from ...viewport import preview
 from ..constraints import match_pair
 from . import candidates, previews
+from .bone_match import correct_match
 
 # Fraction of the progress for matching again, if results are no longer in memory.
 MATCHING = 0.7
@@ -40,7 +41,7 @@ async def use_candidate_async(context: Context, target_name: str, place: int) ->
     note = message("Candidate {number} of {count} was chosen.", number=place + 1, count=len(listing.candidates))
     with previews.approximate_candidate(target, listing, place):
         pair, stored = await read_stored_match(context, target_name)
-        result = await _result(context, pair, listing, place, stored)
+        result = await correct_match(context, pair, await _result(context, pair, listing, place, stored))
         result = replace(result, notes=(note, *result.notes))
         following = await previews.updated_preview(context, pair, result)
         with writing(context, pair) as (_, target):

@@ -91,10 +91,17 @@ def test_attributes_follow_the_map_that_the_joints_correct() -> None:
     source = replace(source, attributes=(heights,))
     match = match_at_rest(source, made.surface.vertices + np.array([0, 0, 0.05]))
     errors = []
-    for kinds in (("color",), ("color", "weights")):
-        found = transfer_asset(source, Asset(target), match, kinds).asset.attributes[0]
+    for given, kinds in ((replace(source, skin=None), ["color"]), (source, ["color"]), (source, ["color", "weights"])):
+        transferred = transfer_asset(given, Asset(target), match, kinds)
+        found = transferred.asset.find("color")
         errors.append(np.median(np.abs(found.values[:, 0] - made.surface.vertices[:, 2])))
-    assert errors[1] < 0.3 * errors[0]
+    assert max(errors[1:]) < 0.3 * errors[0]
+    assert transferred.mapped is not None
+    assert transferred.mapped.surface_map is not match.surface_map
+    match.meet_landmarks = lambda surface_map: match.surface_map
+    bent = transfer_asset(source, Asset(target), match, ["color"]).mapped
+    assert bent is not None
+    assert bent.surface_map is match.surface_map
 
 
 def test_limbs_in_another_pose_are_weighted_by_area() -> None:

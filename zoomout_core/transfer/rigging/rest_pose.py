@@ -25,7 +25,7 @@ from zoomout_core.geometry.closest_points import SurfaceSearch
 from zoomout_core.geometry.procrustes import procrustes
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.affine_maps import normalise
-from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.mesh.triangles import triangle_normals, unique_edges, vertex_normals
 from zoomout_core.runtime.threads import on_one_blas_thread
 from zoomout_core.transfer.frames import FULL_CONFIDENCE
@@ -39,6 +39,9 @@ from zoomout_core.tuning import Tuning, tuned
 
 # Nearest vertices among which distances are averaged: enough to divide noise by four.
 AVERAGED_NEIGHBOURS = 16
+# Share of the target's area within `RestTuning.in_place` of the source above which both have the same pose and place.
+# Fingers and hems of a remeshed target are farther away.
+MIN_IN_PLACE_SHARE = 0.9
 
 
 @dataclass(frozen=True)
@@ -108,6 +111,32 @@ def correct_map(mapped: MappedTarget, posed: PosedTarget, weights: csr_array) ->
     projection = _project_at_rest(posed.mapped, at_rest, posed.pose, weights, search, REST.along, -np.inf)
     confidence = np.where(projection.trusted, np.maximum(mapped.confidence, FULL_CONFIDENCE), mapped.confidence)
     return replace(mapped, surface_map=projection.surface_map, confidence=confidence)
+
+
+def correct_by_bones(
+    mapped: MappedTarget, rest: Surface, weights: csr_array, parents: ArrayLike | None = None
+) -> MappedTarget:
+    """A mapped target, with its map corrected if the bones take it to the source's own body, see `correct_map`.
+
+    A target in the pose and place of its source is left alone, and so is one without a trusted vertex that has weights.
+    Arguments are those of `find_pose`.
+    """
+    if is_in_place(mapped.source, mapped.target):
+        return mapped
+    try:
+        posed = find_pose(mapped, rest, weights, parents)
+    except MeshError:  # no trusted vertex has weights
+        return mapped
+    return correct_map(mapped, posed, weights)
+
+
+def is_in_place(source: Surface, target: Surface) -> bool:
+    """Whether a target has the pose and place of its source."""
+    triangle, barycentric = SurfaceSearch(source.vertices, source.triangles).closest(target.vertices)
+    near = SurfaceMap(triangle, barycentric, source.triangles).interpolate(source.vertices)
+    off = np.linalg.norm(near - target.vertices, axis=1)
+    near_area = target.vertex_areas[off < REST.in_place * np.sqrt(source.area)].sum()
+    return bool(near_area > MIN_IN_PLACE_SHARE * target.area)
 
 
 @on_one_blas_thread
