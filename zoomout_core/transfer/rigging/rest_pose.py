@@ -20,11 +20,12 @@ from numpy.typing import ArrayLike
 from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
-from zoomout_core.arrays import Booleans, Floats
+from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.geometry.closest_points import SurfaceSearch
 from zoomout_core.geometry.procrustes import procrustes
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.affine_maps import normalise
+from zoomout_core.mesh.decimation import decimate
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.mesh.triangles import triangle_normals, unique_edges, vertex_normals
 from zoomout_core.runtime.threads import on_one_blas_thread
@@ -65,6 +66,7 @@ class RestTuning(Tuning, set_by="binding"):
         in_place: a target in the rest pose stays in place if no vertex would move farther.
         aligned: maximum number of vertices that are aligned with the source as a whole.
         iterations: number of rounds of this alignment.
+        coarse: number of the target's vertices by which the pose is found when only the map is corrected.
     """
 
     same_body: float = tuned(0.01, "at unit area", 0, 1)
@@ -79,6 +81,7 @@ class RestTuning(Tuning, set_by="binding"):
     in_place: float = tuned(0.02, "at unit area", 0, 1)
     aligned: int = tuned(1500, "vertices", 3, 1_000_000)
     iterations: int = tuned(10, "rounds", 1, 100)
+    coarse: int = tuned(4000, "vertices", 100, 1_000_000)
 
 
 REST = RestTuning()
@@ -119,15 +122,46 @@ def correct_by_bones(
     """A mapped target, with its map corrected if the bones take it to the source's own body, see `correct_map`.
 
     A target in the pose and place of its source is left alone, and so is one without a trusted vertex that has weights.
-    Arguments are those of `find_pose`.
+    The pose is found on few of the target's vertices, so that its size hardly matters. Arguments are those of
+    `find_pose`.
     """
-    if is_in_place(mapped.source, mapped.target):
+    coarse, nearby = _coarsen(mapped)
+    if is_in_place(coarse.source, coarse.target):
         return mapped
     try:
-        posed = find_pose(mapped, rest, weights, parents)
+        posed = find_pose(coarse, rest, weights, parents)
     except MeshError:  # no trusted vertex has weights
         return mapped
-    return correct_map(mapped, posed, weights)
+    found = posed.mapped.surface_map
+    if found is coarse.surface_map:
+        return mapped
+    surface_map = SurfaceMap(found.triangle[nearby], found.barycentric[nearby], found.source_triangles)
+    for _ in range(2):  # first with the weights of the vertex nearby, then with those that this finds
+        at_rest = replace(mapped, source=rest, surface_map=surface_map)
+        corrected = correct_map(mapped, replace(posed, mapped=at_rest), weights)
+        surface_map = corrected.surface_map
+    return corrected
+
+
+def _coarsen(mapped: MappedTarget) -> tuple[MappedTarget, Integers]:
+    """A mapped target with fewer of its vertices, and (n_t,) the number of the one near each of its own vertices."""
+    mesh = mapped.target.working
+    if len(mesh.vertices) <= REST.coarse:
+        return mapped, np.arange(len(mapped.target.vertices))
+    points, triangles, merged = decimate(mesh.vertices, mesh.oriented_triangles, REST.coarse)
+    order = np.argsort(np.linalg.norm(mesh.vertices - points[merged], axis=1), kind="stable")
+    group, first = np.unique(merged[order], return_index=True)
+    number = np.zeros(len(points), dtype=np.int64)
+    number[group] = np.arange(len(group))
+    kept, own = mesh.surface_vertex[order[first]], mapped.surface_map
+    coarse = replace(
+        mapped,
+        target=Surface(mapped.target.vertices[kept], number[triangles]),
+        surface_map=SurfaceMap(own.triangle[kept], own.barycentric[kept], own.source_triangles),
+        confidence=mapped.confidence[kept],
+        has_partner=None if mapped.has_partner is None else mapped.has_partner[kept],
+    )
+    return coarse, number[merged][np.maximum(mesh.vertex_of, 0)]
 
 
 def is_in_place(source: Surface, target: Surface) -> bool:
