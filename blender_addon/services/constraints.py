@@ -27,7 +27,14 @@ from zoomout_core.runtime.progress import stage
 from .. import mesh_data
 from ..jobs import compute, pause
 from ..mesh_data import ObjectPair
-from ..scene.landmarks import NO_LANDMARKS, LandmarkPairs, landmark_pairs, landmarks_fingerprint, landmarks_in_words
+from ..scene.landmarks import (
+    NO_LANDMARKS,
+    OF_LANDMARKS,
+    LandmarkPairs,
+    landmark_pairs,
+    landmarks_fingerprint,
+    landmarks_in_words,
+)
 from ..scene.pair import find_mesh, source_mesh, target_mesh
 from ..storage import stored_match
 from ..storage.stored_match import Match
@@ -48,8 +55,6 @@ HINTS = {
     GROUP: ("{count} vertex group of the same name", "{count} vertex groups of the same name"),
     MATERIAL: ("{count} material of the same name", "{count} materials of the same name"),
 }
-# Starts that may use landmarks.
-OF_LANDMARKS = ("auto", "landmarks")
 # Options that refer to the target's vertices by number.
 OF_VERTICES = frozenset({"regions", "initial_map"})
 

@@ -26,6 +26,7 @@ from ..jobs import compute, run
 from ..scene.files import COLLECTION, append_assets, append_file, assets_of, open_empty_scene, shown_meshes
 from ..scene.pair import find_mesh, name_of
 from .carry import read_file
+from .found_pictures import last_pictures
 
 # Fraction of the progress that the preparation takes; a prepared library takes no time.
 PREPARED = 0.5
@@ -35,9 +36,6 @@ MOSTLY = 0.5
 # Pixels of the pictures of what was found, in width and height.
 PICTURE = 128
 
-# The pictures of the last search by file, which the sidebar shows until Blender ends.
-last_pictures: dict[Path, tuple[Bytes, Bytes]] = {}
-
 
 class Search(NamedTuple):
     """The result of a search."""
@@ -45,20 +43,6 @@ class Search(NamedTuple):
     found: zo.FoundSources
     failures: dict[Path, str]  # why files were skipped, in a sentence each
     pictures: dict[Path, tuple[Bytes, Bytes]]  # of each file and of the target, in matching colours
-
-
-def library_folders(context: Context) -> list[str]:
-    """The folders to search, by the scene's settings and the asset libraries of the Preferences."""
-    settings = context.scene.zoomout
-    chosen = [settings.library_folder] if settings.library_folder else []
-    if settings.use_asset_libraries:
-        chosen += asset_libraries(context)
-    return [bpy.path.abspath(folder) for folder in chosen]
-
-
-def asset_libraries(context: Context) -> list[str]:
-    """The folders of the asset libraries of the Preferences; that of the default one may not exist yet."""
-    return [each.path for each in context.preferences.filepaths.asset_libraries if Path(each.path).is_dir()]
 
 
 def find_source(context: Context, target: Object, folders: Sequence[str]) -> Search:

@@ -11,6 +11,7 @@ from typing import Any
 from bpy.types import Context, Object
 
 import zoomout_core as zo
+from zoomout_core.messages import as_message, enumeration, message
 from zoomout_core.runtime.progress import portion, stage
 from zoomout_core.transfer import Blend
 

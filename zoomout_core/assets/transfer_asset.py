@@ -25,7 +25,8 @@ from zoomout_core.messages import enumeration, message, plural
 from zoomout_core.runtime.progress import advance, portion, stage
 from zoomout_core.runtime.threads import on_one_blas_thread
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
-from zoomout_core.transfer.blend import Blend, mask_of
+from zoomout_core.transfer.blend import mask_of
+from zoomout_core.transfer.blend_settings import Blend
 from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.rigging.motion import MotionCheck, note_on_motions
 from zoomout_core.transfer.rigging.rest_pose import REST, PosedTarget, align, correct_map, find_pose

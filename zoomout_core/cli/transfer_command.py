@@ -48,8 +48,7 @@ from zoomout_core.command_options import (
 )
 from zoomout_core.map_files import keep_map, save_match
 from zoomout_core.matching.pipeline import match
-from zoomout_core.matching.report.notes import select_notes
-from zoomout_core.matching.report.verdict import check_verdict
+from zoomout_core.matching.report.verdict import check_verdict, select_notes
 from zoomout_core.mesh.formats.blender_files import ENDINGS as OF_BLENDER
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.messages import note_figures, note_lines

@@ -10,8 +10,8 @@ from os.path import isfile
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.sparse import csr_array
 
 from zoomout_core.arrays import AnyFloats, Booleans, Floats, Integers, fill_masked, take_rows
 from zoomout_core.geometry.closest_points import closest_points
@@ -234,13 +234,13 @@ def fault_of_map(triangle: Integers, barycentric: Floats, count: int) -> str:
     return ""
 
 
-def interpolation_matrix(corners: Integers, barycentric: AnyFloats, n: int) -> csr_array:
+def interpolation_matrix(corners: Integers, barycentric: AnyFloats, n: int) -> scipy.sparse.csr_array:
     """(q, n) matrix that interpolates values at n vertices to points, by corners (q, 3) and barycentric coordinates.
 
     Its products need no array of the values at all corners.
     """
     begins = np.arange(0, 3 * len(corners) + 1, 3)
-    return csr_array((barycentric.ravel(), corners.ravel(), begins), shape=(len(corners), n))
+    return scipy.sparse.csr_array((barycentric.ravel(), corners.ravel(), begins), shape=(len(corners), n))
 
 
 def folded_triangles(images: Floats, normals: Floats, triangles: Integers) -> Booleans:

@@ -17,8 +17,9 @@ from zoomout_core.messages import message
 from zoomout_core.runtime.progress import stage
 from zoomout_core.symmetry.flip_name import partner_of
 from zoomout_core.symmetry.mirror import Direction
-from zoomout_core.symmetry.offsets import BLEND, mirror_offsets, split_offsets, symmetrise_offsets
+from zoomout_core.symmetry.offsets import mirror_offsets, split_offsets, symmetrise_offsets
 from zoomout_core.symmetry.self_map import SelfMap
+from zoomout_core.symmetry.sides import BLEND
 
 from ... import mesh_data
 from ...jobs import compute, pause, run
