@@ -130,7 +130,7 @@ def test_stretched_vertices_are_coloured_and_follow_undo(monkeypatch):
     red = shown.values[:, 0] > shown.values[:, 1] + 0.3
     np.testing.assert_array_equal(red, stretched_vertices(target))
     stored_report.remove(target.data)
-    previews.follow_undo(bpy.context)
+    previews.follow_undo(bpy.context, preview.current())
     assert preview.current() is None
 
 
