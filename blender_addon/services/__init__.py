@@ -40,12 +40,12 @@ else:
     __getattr__ = modules_on_first_use(__name__)
 
 
-async def loaded() -> None:
+async def load() -> None:
     """Import what nearly all work needs, without keeping the window waiting."""
     if f"{__name__}.transfer" not in sys.modules:
-        await compute(_load)
+        await compute(_import_modules)
 
 
-def _load() -> None:
+def _import_modules() -> None:
     for module in (".matching.match", ".transfer"):
         import_module(module, __name__)

@@ -136,7 +136,7 @@ class ModalOperator(Operator):
 
 
 async def _load_and_work(operator: ModalOperator, context: Context) -> str:
-    await services.loaded()
+    await services.load()
     return await operator.work(context)
 
 

@@ -91,7 +91,7 @@ def advance(context: Context) -> bool:
 
 
 async def _prepare(context: Context, pair: _Pair) -> None:
-    await services.loaded()
+    await services.load()
     options = dict(pair.options)
     await services.matching.prepare_ahead.prepare_ahead(context, pair.source, pair.target, **options)
 
