@@ -96,7 +96,7 @@ from .adapters import DATA, USUAL_DATA, Binding, Settings
 from .mesh_data import surface_point_of_vertex
 from .scene import landmarks
 from .scene.landmarks import LandmarkPairs, landmark_pairs
-from .scene.pair import name_of
+from .scene.pair import find_mesh, name_of
 from .services.bake import Baking, bake_textures
 from .services.binding.loose_armature import move_armature
 from .services.binding.part import AddedBones, add_bones
@@ -166,6 +166,10 @@ __all__ = [
 ]
 
 
+# Integers of Blender have 32 bits.
+LARGEST_NUMBER = 2**31 - 1
+
+
 def set_landmark(context: Context, obj: Object, number: int, vertex: int, name: str = "") -> None:
     """Set a landmark at a vertex of an object, or move it there.
 
@@ -177,12 +181,16 @@ def set_landmark(context: Context, obj: Object, number: int, vertex: int, name: 
         name: a name for the landmark.
 
     Raises:
-        MeshError: there is no such vertex, or the modifiers leave no surface there.
-        ValueError: the number is not a whole number of one or more.
+        MeshError: the scene has no such mesh or it has no such vertex, or the modifiers leave no surface there.
+        ValueError: the number is not a whole number of one or more, or the name is not text.
     """
-    label = name_of(obj)
-    if obj.type != "MESH" or not isinstance(vertex, Integral) or not 0 <= vertex < len(obj.data.vertices):
-        raise zo.MeshError(f"'{label}' is not a mesh with a vertex {vertex}: choose another one.")
+    mesh = find_mesh(context, name_of(obj), edited=True).data
+    if not isinstance(vertex, Integral) or not 0 <= vertex < len(mesh.vertices):
+        raise zo.MeshError(f"'{obj.name}' has no vertex {vertex}: choose another one.")
     check_counts(number=number)
+    if number > LARGEST_NUMBER or not isinstance(name, str):
+        raise ValueError(
+            f"A landmark has the number {number} and the name {name!r:.60}: give a small number, and text."
+        )
     place = surface_point_of_vertex(obj, vertex, context.evaluated_depsgraph_get())
     landmarks.set_landmark(context.scene, obj, place, number, name)

@@ -3,13 +3,17 @@
 
 from __future__ import annotations
 
-import numpy as np
-from scipy.spatial import cKDTree
+from typing import TYPE_CHECKING
 
-from zoomout_core.arrays import Booleans, Floats, Integers
+import numpy as np
+import scipy
+
 from zoomout_core.colors import BAD_TO_GOOD, MET, confidence_colors, place_colors
 from zoomout_core.geometry.closest_points import query_tree
-from zoomout_core.symmetry.self_map import SelfMap
+
+if TYPE_CHECKING:
+    from zoomout_core.arrays import Booleans, Floats, Integers
+    from zoomout_core.symmetry.self_map import SelfMap
 
 # Colours of the right side, the middle and the left side.
 SIDES = BAD_TO_GOOD[1:]
@@ -29,7 +33,7 @@ def asymmetry_colors(values: Floats, most: float) -> Floats:
 
 def blend_colors(points: Floats, known: Integers, colors: Floats) -> Floats:
     """(n, 3) colours of points (n, 3), blended by distance from the `colors` (s, 3) of the `known` ones (s,)."""
-    found = query_tree(cKDTree(points[known]), np.nan_to_num(points), min(BLENDED, len(known)))
+    found = query_tree(scipy.spatial.cKDTree(points[known]), np.nan_to_num(points), min(BLENDED, len(known)))
     distance, nearest = (array.reshape(len(points), -1) for array in found)
     weight = 1 / np.maximum(distance, 1e-30) ** 2
     return np.einsum("nk,nkc->nc", weight / weight.sum(axis=1, keepdims=True), colors[nearest])

@@ -12,9 +12,9 @@ import bpy
 from bpy.app.handlers import persistent
 from bpy.types import Depsgraph, Mesh, Object, Scene
 
+from . import services
 from .operators.base import prepare_ahead
 from .scene import landmarks, mesh_facts
-from .services.matching import candidates, previews
 from .viewport import overlay, preview
 
 
@@ -36,7 +36,8 @@ def _after_update(scene: Scene, depsgraph: Depsgraph) -> None:
 def _after_undo(*_: Any) -> None:
     mesh_facts.forget_all()
     overlay.repose()
-    previews.follow_undo(bpy.context)
+    if (shown := preview.current()) is not None:
+        services.matching.previews.follow_undo(bpy.context, shown)
 
 
 @persistent
@@ -69,5 +70,5 @@ def forget_everything() -> None:
     """Clear all caches of the open file."""
     prepare_ahead.clear()
     mesh_facts.forget_all()
-    candidates.clear_cache()
+    services.matching.cached_results.clear()
     preview.clear()

@@ -18,8 +18,7 @@ from zoomout_core.assets.files import inputs_of
 from zoomout_core.assets.part_names import parts_of_file
 from zoomout_core.batch import Job, Outcome, run_jobs
 from zoomout_core.map_files import keep_map, save_match
-from zoomout_core.matching.report.notes import select_notes
-from zoomout_core.matching.report.verdict import GREEN, LOW_CONFIDENCE, check_verdict
+from zoomout_core.matching.report.verdict import GREEN, LOW_CONFIDENCE, check_verdict, select_notes
 from zoomout_core.mesh.shapes import as_surface
 from zoomout_core.messages import note_figures, note_lines
 

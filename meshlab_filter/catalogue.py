@@ -246,7 +246,13 @@ def _check_name(name: str) -> None:
 
 
 def _listening(callback: Callback | None) -> AbstractContextManager[None]:
-    """A context manager that reports progress to a callback, if there is one."""
+    """A context manager that reports progress to a callback, if there is one.
+
+    Raises:
+        TypeError: it cannot be called.
+    """
+    if not (callback is None or callable(callback)):
+        raise TypeError(f"callback is {callback!r:.60}: give a function that takes a fraction and a text.")
     return listening(None if callback is None else lambda progress: callback(progress.fraction, progress.stage))
 
 

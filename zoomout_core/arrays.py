@@ -2,6 +2,7 @@
 """Array types with their precision for mypy, checks of counts, and operations on rows and segments."""
 
 from functools import reduce
+from numbers import Integral, Real
 from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
@@ -21,15 +22,23 @@ Indices: TypeAlias = NDArray[np.signedinteger[Any]]
 Scalar = TypeVar("Scalar", bound=np.generic)
 
 
-def check_counts(**numbers: Any) -> None:
-    """Check numbers that a user gave by name.
+def check_count(name: str, number: object, least: int = 1) -> None:
+    """Raise a ValueError if a user's number is not an integer, or below a minimum."""
+    if isinstance(number, bool) or not isinstance(number, Integral) or number < least:
+        raise ValueError(f"{name} is {number!r}: give a whole number of {least} or more.")
 
-    Raises:
-        ValueError: one is not an integer, or below one.
-    """
+
+def check_counts(**numbers: object) -> None:
+    """Raise a ValueError unless numbers that a user gave by name are positive integers."""
     for name, number in numbers.items():
-        if not isinstance(number, int | np.integer) or number < 1:
-            raise ValueError(f"{name} is {number!r}: give a whole number that is at least one.")
+        check_count(name, number)
+
+
+def check_fractions(**numbers: object) -> None:
+    """Raise a ValueError unless numbers that a user gave by name are from 0 to 1."""
+    for name, number in numbers.items():
+        if not (isinstance(number, Real) and 0 <= float(number) <= 1):
+            raise ValueError(f"{name} is {number!r}: give a number from 0 to 1.")
 
 
 def take_rows(values: NDArray[Scalar], numbers: Indices) -> NDArray[Scalar]:

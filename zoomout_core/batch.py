@@ -105,6 +105,8 @@ def plan(
             another output.
         OutputError: a folder does not exist or cannot be written to, or a file would replace an input.
     """
+    if not output:
+        raise OutputError("The name of the output is empty: give a file or a folder.")
     named = [path for target in targets for path in meshes_of(Path(target), endings, Path(source))]
     once: dict[str, Path] = {}  # a file that is named twice is one target
     for path in named:

@@ -74,7 +74,7 @@ def dress(case: Case, shape: Floats, stiffness: float = 0.5, align: bool = True)
         for surface, weights in ((case.source, case.weights), (case.target, case.body.weights))
     )
     given = [csr_array(garment.weights) for garment in case.garments.values()]
-    weights = follow_weights(before, after, things, dressed.vertices, given)
+    weights = follow_weights(before, after, things, dressed.vertices, given, shape=shape)
     poses = gentle_poses(case.body.bones.heads, case.body.bones.parents, UP)
     vertices = list(
         clear_in_poses(dressed, PosedBody(after.weights, poses), [normalise(each) for each in weights]).vertices

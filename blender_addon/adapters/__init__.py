@@ -1,43 +1,20 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Adapters between Blender's data and the core: a module for each kind, whose `collect` chooses what is transferred."""
+"""Adapters between Blender's data and the core: a module for each kind, whose `collect` chooses what is transferred.
 
-from __future__ import annotations
+Names are imported on first use.
+"""
 
-from collections.abc import Callable
+from typing import TYPE_CHECKING
 
-from . import edges, layers, materials, normals, shape_keys, vertex_groups
-from .adapter import Adapter, Remarks, TransferJob, TransferRequest
-from .scheduling import transfer_all
-from .settings import DEFAULT, FILL_BELOW, Binding, Settings, parse_group_names, parse_names
-from .shape_keys import check_takes_keys
+from zoomout_core.runtime.first_use import names_on_first_use
 
-# In the order of reading and writing. Normals come after edges and faces, because their storage depends on which of
-# these are sharp. Shape keys come last: reading them evaluates copies, which may invalidate meshes that were evaluated
-# before.
-COLLECTORS: tuple[Callable[[TransferRequest, Remarks], list[Adapter]], ...] = (
-    layers.collect,
-    edges.collect,
-    vertex_groups.collect,
-    materials.collect,
-    normals.collect,
-    shape_keys.collect,
-)
-
-# The kinds of data that can be chosen, by their names in options and reports, with singular and plural.
-NOUNS = {
-    "uv_maps": ("{count} UV map", "{count} UV maps"),
-    "color_attributes": ("{count} color attribute", "{count} color attributes"),
-    "attributes": ("{count} attribute", "{count} attributes"),
-    "vertex_groups": ("{count} vertex group", "{count} vertex groups"),
-    "shape_keys": ("{count} shape key", "{count} shape keys"),
-    "materials": ("{count} material", "{count} materials"),
-    "edges": ("{count} kind of edge mark", "{count} kinds of edge marks"),
-    "custom_normals": ("{count} layer of custom normals", "{count} layers of custom normals"),
-    "shape": ("{count} shape", "{count} shapes"),
-}
-DATA = tuple(NOUNS)
-# Kinds that are transferred by default. The source's shape is not: a target has its own.
-USUAL_DATA = tuple(kind for kind in DATA if kind != "shape")
+if TYPE_CHECKING:
+    from .adapter import Adapter, Remarks, TransferJob, TransferRequest
+    from .collectors import COLLECTORS
+    from .kinds import DATA, NOUNS, USUAL_DATA
+    from .scheduling import transfer_all
+    from .settings import DEFAULT, FILL_BELOW, Binding, Settings, parse_group_names, parse_names
+    from .shape_keys import check_takes_keys
 
 __all__ = [
     "COLLECTORS",
@@ -57,3 +34,32 @@ __all__ = [
     "parse_names",
     "transfer_all",
 ]
+
+# The module of each name, as in the imports above.
+_HOMES = {
+    "adapter": (
+        "Adapter",
+        "Remarks",
+        "TransferJob",
+        "TransferRequest",
+    ),
+    "collectors": ("COLLECTORS",),
+    "kinds": (
+        "DATA",
+        "NOUNS",
+        "USUAL_DATA",
+    ),
+    "scheduling": ("transfer_all",),
+    "settings": (
+        "DEFAULT",
+        "FILL_BELOW",
+        "Binding",
+        "Settings",
+        "parse_group_names",
+        "parse_names",
+    ),
+    "shape_keys": ("check_takes_keys",),
+}
+
+if not TYPE_CHECKING:  # so that type checkers report unknown names
+    __getattr__ = names_on_first_use(__name__, _HOMES)

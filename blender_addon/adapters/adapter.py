@@ -15,7 +15,8 @@ from zoomout_core.arrays import Booleans
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.messages import message
 from zoomout_core.runtime.progress import stage
-from zoomout_core.transfer import Attribute, Blend, blend, map_target, transfer_along
+from zoomout_core.transfer import Attribute, Blend, map_target, transfer_along
+from zoomout_core.transfer.blend import blend
 from zoomout_core.transfer.mapped_target import MappedTarget
 
 from ..mesh_data import EvaluatedObject, ObjectPair

@@ -11,7 +11,7 @@ from bpy.types import Object
 
 import zoomout_core as zo
 from zoomout_core.symmetry.flip_name import partner_of
-from zoomout_core.transfer import Blend, Mode
+from zoomout_core.transfer.blend_settings import Blend, Mode
 
 from .. import mesh_data
 

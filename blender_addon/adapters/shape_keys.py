@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 
 import bpy
@@ -137,7 +137,11 @@ def _collect_keys(request: TransferRequest, remarks: Remarks) -> list[Adapter]:
     bare = [_without_keys(source) for source in request.sources]  # before copies are evaluated, see `COLLECTORS`
     faces = [mesh_data.read_faces(source.mesh) for source in request.sources]
     originals = [one.original for one in request.sources]
-    found = [_keys_of(source, each, remarks) for source, each in zip(originals, faces, strict=True)]
+    locked = _locked_keys(target)
+    found = [
+        None if (keys := _keys_of(source, each, remarks)) is None else _without_locked(keys, locked, remarks)
+        for source, each in zip(originals, faces, strict=True)
+    ]
     joined, own = mesh_data.join_shape_keys([keys or none for keys, none in zip(found, bare, strict=True)])
     if not joined.keys:
         return []
@@ -166,6 +170,22 @@ def _present_offsets(target: Object, names: Sequence[str]) -> Attribute:
 def _absent(source: Object) -> bool:
     present = source.data.shape_keys
     return present is None or len(present.key_blocks) < 2
+
+
+def _locked_keys(target: Object) -> set[str]:
+    keys = target.data.shape_keys
+    return set() if keys is None else {key.name for key in keys.key_blocks if key.lock_shape}
+
+
+def _without_locked(found: ShapeKeys, locked: Collection[str], remarks: Remarks) -> ShapeKeys:
+    """The keys that are not locked on the target; the others are skipped."""
+    kept = [column for column, key in enumerate(found.keys) if key.name not in locked]
+    names = {key.name for key in found.keys}
+    remarks.skipped |= dict.fromkeys(sorted(names.intersection(locked)), message("the target's shape key is locked"))
+    keys = tuple(found.keys[column] for column in kept)
+    return replace(
+        found, keys=keys, offsets=mesh_data.offsets_of(tuple(key.name for key in keys), found.offsets.values[:, kept])
+    )
 
 
 def _without_keys(source: mesh_data.EvaluatedObject) -> ShapeKeys:

@@ -20,8 +20,8 @@ from ..properties.match import MatchOptions
 from ..properties.symmetry import DetectOptions, DirectionOptions, KeyOptions, LayerOptions, SideOptions
 from ..properties.transfer import BindChoice, BindOptions, BindView, BlendOptions
 from ..properties.wrap import WrapOptions
+from . import NAME
 
-NAME = "zoomout"
 # Pipelines have time for levels of detail that the sidebar does not offer.
 MORE_CHOICES = {"detail": tuple(DETAIL)}
 LAYERS = tuple(name for name in LayerOptions.__annotations__ if name != "uv_layout")

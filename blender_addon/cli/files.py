@@ -23,12 +23,13 @@ from zoomout_core.runtime.outputs import atomic_write
 from ..adapters import DEFAULT
 from ..properties.dress import DressOptions
 from ..properties.transfer import BindOptions, BlendOptions
+from ..scene.selection import asset_libraries
 from ..services.carry import carry as carry_file
 from ..services.carry import read_file
 from ..services.dressing.read import Dressing
 from ..services.expressions import Review, has_keys, review_expressions
 from ..services.key_names import rename_shape_keys
-from ..services.library import asset_libraries, read_assets
+from ..services.library import read_assets
 from ..services.outfits import ENDINGS, BlenderFiles
 from ..services.targets import Outcome
 from ..storage.stored_match import StoredMatch

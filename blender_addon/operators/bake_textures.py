@@ -9,11 +9,10 @@ from bpy.types import Context
 
 from zoomout_core.messages import enumeration
 
+from .. import services
 from ..properties.bake import BakeOptions
 from ..properties.settings import take_settings
 from ..scene.selection import chosen_targets, match_source
-from ..services.bake import Baking, prepare_bake, summary
-from ..services.targets import each_target
 from ..viewport import preview
 from .base.matched_operator import MatchedOperator
 
@@ -31,7 +30,9 @@ class ZOOMOUT_OT_bake_textures(BakeOptions, MatchedOperator):
         take_settings(self, context.scene.zoomout)
         source = context.scene.objects.get(match_source(context, context.active_object))
         names = [obj.name for obj in chosen_targets(context, source) if match_source(context, obj)]
-        outcome = await each_target(names, partial(prepare_bake, context, baking=Baking(**self.bake_options())))
+        outcome = await services.targets.each_target(
+            names, partial(services.bake.prepare_bake, context, baking=services.bake.Baking(**self.bake_options()))
+        )
         preview.clear()  # it would hide the result
         self.report_failed(outcome)
-        return enumeration((summary(report) for report in outcome.done.values()), "; ")
+        return enumeration((services.bake.summary(report) for report in outcome.done.values()), "; ")

@@ -8,17 +8,13 @@ from typing import Any
 
 from bpy.types import Context
 
+from .. import services
 from ..adapters import Binding
 from ..jobs import Work
 from ..properties.match import MatchOptions
 from ..properties.settings import SourceName, take_settings
 from ..properties.transfer import BLENDING, NAMING, BindOptions, BindView, BlendOptions
 from ..scene.selection import sources_of_targets
-from ..services.binding.write import hide_sources
-from ..services.matching.made_match import MatchUse
-from ..services.targets import Write, each_target
-from ..services.transfer import prepare_transfer
-from ..services.transfer_report import summarise_targets
 from ..viewport import preview
 from .base.modal_operator import ModalOperator
 
@@ -40,8 +36,8 @@ class ZOOMOUT_OT_bind_to_rig(SourceName, MatchOptions, BlendOptions, BindOptions
         take_settings(self, context.scene.zoomout)
         reports = await bind_targets(self, context, self.how_to_bind())
         if self.hide_source:
-            hide_sources(context, reports)
-        return summarise_targets(reports, self.hide_source)
+            services.binding.write.hide_sources(context, reports)
+        return services.transfer_report.summarise_targets(reports, self.hide_source)
 
 
 def draw_binding(operator: ModalOperator, names: Sequence[str]) -> None:
@@ -59,10 +55,10 @@ async def bind_targets(operator: Any, context: Context, binding: Binding) -> lis
     settings, options = operator.settings(), operator.match_options()
 
     undo_step = operator.adds_undo_steps and len(source_of) == 1
-    use = MatchUse(operator.options.is_repeat, remedy=operator.remedy, undo_step=undo_step)
+    use = services.matching.made_match.MatchUse(operator.options.is_repeat, remedy=operator.remedy, undo_step=undo_step)
 
-    def work(target: str) -> Work[Write[dict[str, Any]]]:
-        return prepare_transfer(
+    def work(target: str) -> Work[services.targets.Write[dict[str, Any]]]:
+        return services.transfer.prepare_transfer(
             context,
             source_of[target],
             target,
@@ -73,7 +69,7 @@ async def bind_targets(operator: Any, context: Context, binding: Binding) -> lis
             **options,
         )
 
-    outcome = await each_target(list(source_of), work)
+    outcome = await services.targets.each_target(list(source_of), work)
     preview.clear()  # it would hide the result
     operator.report_failed(outcome)
     return list(outcome.done.values())

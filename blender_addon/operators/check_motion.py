@@ -6,9 +6,9 @@ from __future__ import annotations
 from bpy.types import Context
 
 from zoomout_core.messages import sentences
-from zoomout_core.transfer.rigging.motion import note_on_motions
+from zoomout_core.transfer import rigging
 
-from ..services.check_motion import check_motion_async
+from .. import services
 from .base.matched_operator import MatchedOperator
 
 
@@ -22,4 +22,5 @@ class ZOOMOUT_OT_check_motion(MatchedOperator):
     bl_options = {"REGISTER"}
 
     async def work(self, context: Context) -> str:
-        return sentences(*note_on_motions([await check_motion_async(context, context.active_object.name)]))
+        checked = await services.check_motion.check_motion_async(context, context.active_object.name)
+        return sentences(*rigging.motion.note_on_motions([checked]))

@@ -9,8 +9,8 @@ from bpy.types import Context, Event, OperatorProperties
 
 from zoomout_core.runtime.progress import stage
 
+from .. import services
 from ..jobs import pause
-from ..services.clear_data import clear_file, clear_match_data
 from ..translations import translated
 from .base import activity
 from .base.availability import is_available
@@ -58,7 +58,7 @@ class ZOOMOUT_OT_clear_match_data(ModalOperator):
         with stage("Clearing"):
             await pause()
         if self.whole_file:
-            return clear_file(context)
+            return services.clear_data.clear_file(context)
         active = context.active_object
         chosen = dict.fromkeys([*([active] if active else []), *context.selected_objects])
-        return clear_match_data(context, chosen)
+        return services.clear_data.clear_match_data(context, chosen)

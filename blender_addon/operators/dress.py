@@ -9,16 +9,13 @@ from bpy.types import Context
 import zoomout_core as zo
 from zoomout_core.runtime.progress import stage
 
+from .. import services
 from ..jobs import pause
 from ..properties.dress import DressOptions
 from ..properties.match import MatchOptions
 from ..properties.once import ONCE
 from ..properties.settings import SourceName, take_settings
 from ..scene.selection import select_only, source_of_worn, worn_names
-from ..services.dressing.dress import prepare_dress, summary
-from ..services.dressing.read import Dressing
-from ..services.matching.made_match import MatchUse
-from ..services.targets import WRITING
 from ..viewport import preview
 from .base.modal_operator import ModalOperator
 
@@ -52,12 +49,17 @@ class ZOOMOUT_OT_dress(SourceName, MatchOptions, DressOptions, ModalOperator):
         if source == target.name:
             raise zo.MeshError("The active mesh is the source: make the mesh to dress active.")
         names = worn_names(context, source, target.name, self.collection)
-        dressing = Dressing(**self.dress_options())
-        use, options = MatchUse(self.options.is_repeat, remedy=self.remedy), self.match_options()
-        write = await prepare_dress(context, source, target.name, names, dressing, use, **options)
-        with stage(WRITING, 1):
+        dressing = services.dressing.read.Dressing(**self.dress_options())
+        use, options = (
+            services.matching.made_match.MatchUse(self.options.is_repeat, remedy=self.remedy),
+            self.match_options(),
+        )
+        write = await services.dressing.dress.prepare_dress(
+            context, source, target.name, names, dressing, use, **options
+        )
+        with stage(services.targets.WRITING, 1):
             await pause()
         report = write()
         preview.clear()  # it would hide the result
         select_only(context, [report["target"], *report["objects"].values()])
-        return summary(report)
+        return services.dressing.dress.summary(report)

@@ -10,8 +10,9 @@ from bpy.types import Context, Operator
 import zoomout_core as zo
 from zoomout_core.messages import Message, message, probability
 
+from .. import services
 from ..properties.once import ONCE
-from ..services.library import append_source, find_source_async, library_folders
+from ..scene.selection import library_folders
 from ..translations import reported, translated
 from .base import activity
 from .base.availability import is_available
@@ -41,7 +42,7 @@ class ZOOMOUT_OT_find_source(ModalOperator):
 
     async def work(self, context: Context) -> str:
         target = context.active_object.name
-        search = await find_source_async(context, target, library_folders(context))
+        search = await services.library.find_source_async(context, target, library_folders(context))
         settings, found = context.scene.zoomout, search.found
         settings.found_for = target
         settings.found_sources.clear()
@@ -65,7 +66,7 @@ class ZOOMOUT_OT_find_source(ModalOperator):
         return found.refusal or found.note or message("'{name}' fits best", name=found.ranked[0].path.name)
 
 
-def _line_of_part(part: zo.FoundPart) -> Message:
+def _line_of_part(part: "zo.FoundPart") -> Message:
     """A part, and how well its source fits it."""
     return message(
         "{joint}: {name}, fit {fit:.1%} instead of {fit_of_best:.1%}",
@@ -101,7 +102,7 @@ class ZOOMOUT_OT_append_source(Operator):
         """Append the file."""
         target = context.view_layer.objects.active
         try:
-            source = append_source(context, self.path, self.joints.split("\n") if self.joints else ())
+            source = services.library.append_source(context, self.path, self.joints.split("\n") if self.joints else ())
         except zo.MeshError as error:
             self.report({"ERROR"}, reported(str(error)))
             return {"CANCELLED"}

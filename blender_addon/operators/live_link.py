@@ -9,12 +9,12 @@ from bpy.types import Context
 
 from zoomout_core.messages import enumeration
 
+from .. import services
 from ..jobs import Work
 from ..properties.settings import take_settings
 from ..properties.transfer import BlendOptions, TransferOptions
 from ..scene.selection import chosen_targets, match_source
-from ..services.live_link import link_of, prepare_link, prepare_update, summary
-from ..services.targets import Write, each_target
+from ..storage import stored_link
 from ..viewport import preview
 from .base.availability import is_available
 from .base.matched_operator import MatchedOperator
@@ -23,7 +23,7 @@ from .base.matched_operator import MatchedOperator
 class LinkOperator(MatchedOperator):
     """The base of operators on the links of the active and other selected meshes."""
 
-    def prepare(self, context: Context, target: str) -> Work[Write[dict[str, float]]]:
+    def prepare(self, context: Context, target: str) -> Work[services.targets.Write[dict[str, float]]]:
         """Prepare the link of a target."""
         raise NotImplementedError
 
@@ -33,10 +33,10 @@ class LinkOperator(MatchedOperator):
         return [obj.name for obj in chosen_targets(context, source) if match_source(context, obj)]
 
     async def work(self, context: Context) -> str:
-        outcome = await each_target(self.targets(context), partial(self.prepare, context))
+        outcome = await services.targets.each_target(self.targets(context), partial(self.prepare, context))
         preview.clear()  # it would hide the result
         self.report_failed(outcome)
-        return enumeration((summary(name, shares) for name, shares in outcome.done.items()), "; ")
+        return enumeration((services.live_link.summary(name, shares) for name, shares in outcome.done.items()), "; ")
 
 
 class ZOOMOUT_OT_keep_linked(TransferOptions, BlendOptions, LinkOperator):
@@ -48,9 +48,9 @@ class ZOOMOUT_OT_keep_linked(TransferOptions, BlendOptions, LinkOperator):
     )
     bl_options = {"REGISTER", "UNDO"}
 
-    def prepare(self, context: Context, target: str) -> Work[Write[dict[str, float]]]:
+    def prepare(self, context: Context, target: str) -> Work[services.targets.Write[dict[str, float]]]:
         take_settings(self, context.scene.zoomout)
-        return prepare_link(context, target, self.data(), self.settings())
+        return services.live_link.prepare_link(context, target, self.data(), self.settings())
 
 
 class ZOOMOUT_OT_update_linked(LinkOperator):
@@ -67,15 +67,15 @@ class ZOOMOUT_OT_update_linked(LinkOperator):
         """Whether the active object is linked."""
         if not super().poll(context):
             return False
-        is_linked = link_of(context.active_object) is not None
+        is_linked = stored_link.link_of(context.active_object) is not None
         return is_available(cls, "" if is_linked else "Link this mesh first, with Keep Linked")
 
     def targets(self, context: Context) -> list[str]:
         objects = context.scene.objects
-        return [name for name in super().targets(context) if link_of(objects[name]) is not None]
+        return [name for name in super().targets(context) if stored_link.link_of(objects[name]) is not None]
 
-    def prepare(self, context: Context, target: str) -> Work[Write[dict[str, float]]]:
-        return prepare_update(context, target)
+    def prepare(self, context: Context, target: str) -> Work[services.targets.Write[dict[str, float]]]:
+        return services.live_link.prepare_update(context, target)
 
 
 # In the order of registration.

@@ -8,14 +8,13 @@ from functools import partial
 
 from bpy.types import Context
 
-from zoomout_core.mesh.surface import MeshError
+import zoomout_core as zo
 from zoomout_core.messages import enumeration
 
+from .. import services
 from ..properties.lods import LevelOptions
 from ..properties.settings import take_settings
 from ..scene.selection import chosen_targets
-from ..services.lods import LevelChoice, prepare_levels, summary
-from ..services.targets import each_target
 from .base.modal_operator import ModalOperator
 
 
@@ -30,12 +29,14 @@ class ZOOMOUT_OT_make_lods(LevelOptions, ModalOperator):
 
     async def work(self, context: Context) -> str:
         take_settings(self, context.scene.zoomout)
-        names, choice = [obj.name for obj in chosen_targets(context)], LevelChoice(**self.level_choice())
+        names, choice = [obj.name for obj in chosen_targets(context)], services.lods.LevelChoice(**self.level_choice())
         if self.lod_source == "SELECTED":
             names, meshes = names[:1], tuple(names[1:])
             if not meshes:
-                raise MeshError("No meshes of levels are selected: select them first, and the detailed mesh last.")
+                raise zo.MeshError("No meshes of levels are selected: select them first, and the detailed mesh last.")
             choice = replace(choice, meshes=meshes)
-        outcome = await each_target(names, partial(prepare_levels, context, choice=choice))
+        outcome = await services.targets.each_target(
+            names, partial(services.lods.prepare_levels, context, choice=choice)
+        )
         self.report_failed(outcome)
-        return enumeration((summary(report) for report in outcome.done.values()), "; ")
+        return enumeration((services.lods.summary(report) for report in outcome.done.values()), "; ")

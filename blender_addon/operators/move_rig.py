@@ -9,17 +9,13 @@ from bpy.types import Context
 
 from zoomout_core.messages import enumeration
 
+from .. import services
 from ..jobs import Work
 from ..mesh_data import armatures_of
 from ..properties.match import MatchOptions
 from ..properties.settings import SourceName, take_settings
 from ..properties.transfer import BindOptions, BlendOptions
 from ..scene.selection import choose_source, sources_of_targets
-from ..services.binding.loose_armature import MovedArmature, loose_armature, prepare_armature
-from ..services.binding.part import add_bones_async
-from ..services.matching.made_match import MatchUse
-from ..services.targets import Write, each_target
-from ..services.transfer_report import summarise_targets
 from ..viewport import preview
 from .base.modal_operator import ModalOperator
 from .bind_to_rig import bind_targets, draw_binding
@@ -46,19 +42,23 @@ class ZOOMOUT_OT_move_rig(SourceName, MatchOptions, BlendOptions, BindOptions, M
         if self.mask_group and armatures_of(context.active_object):
             return await self._add_bones(context)
         sources = sources_of_targets(context, self.source)
-        if armature := loose_armature(context, sources.values()):
+        if armature := services.binding.loose_armature.loose_armature(context, sources.values()):
             return await self._move_armature(context, armature, sources)
-        return summarise_targets(await bind_targets(self, context, replace(self.how_to_bind(), move_rig=True)), False)
+        return services.transfer_report.summarise_targets(
+            await bind_targets(self, context, replace(self.how_to_bind(), move_rig=True)), False
+        )
 
     async def _add_bones(self, context: Context) -> str:
         """Add the bones of the source that move a part to the armature of the active mesh."""
         target = context.active_object
-        added = await add_bones_async(
+        added = await services.binding.part.add_bones_async(
             context,
             choose_source(context, target, self.source).name,
             target.name,
             self.mask_group,
-            MatchUse(self.options.is_repeat, remedy=self.remedy, undo_step=self.adds_undo_steps),
+            services.matching.made_match.MatchUse(
+                self.options.is_repeat, remedy=self.remedy, undo_step=self.adds_undo_steps
+            ),
             **self.match_options(),
         )
         preview.clear()  # it would hide the result
@@ -68,12 +68,14 @@ class ZOOMOUT_OT_move_rig(SourceName, MatchOptions, BlendOptions, BindOptions, M
         """Place a copy of an armature without weights in the active mesh and the other selected ones."""
         options = self.match_options()
         undo_step = self.adds_undo_steps and len(source_of) == 1
-        use = MatchUse(self.options.is_repeat, remedy=self.remedy, undo_step=undo_step)
+        use = services.matching.made_match.MatchUse(self.options.is_repeat, remedy=self.remedy, undo_step=undo_step)
 
-        def work(target: str) -> Work[Write[MovedArmature]]:
-            return prepare_armature(context, armature, source_of[target], target, use, **options)
+        def work(target: str) -> Work[services.targets.Write[services.binding.loose_armature.MovedArmature]]:
+            return services.binding.loose_armature.prepare_armature(
+                context, armature, source_of[target], target, use, **options
+            )
 
-        outcome = await each_target(list(source_of), work)
+        outcome = await services.targets.each_target(list(source_of), work)
         preview.clear()  # it would hide the result
         self.report_failed(outcome)
         return enumeration((each.sentence for each in outcome.done.values()), "; ")

@@ -9,8 +9,8 @@ from bpy.types import Context
 
 from zoomout_core.messages import message
 
+from .. import mesh_data, services
 from ..mesh_data import HeldKeys
-from ..services.expressions import Faults, faults_of_keys, names_of_keys
 from ..viewport import overlay, preview
 from .base.play_operator import PlayOperator
 
@@ -34,7 +34,7 @@ class ZOOMOUT_OT_play_expressions(PlayOperator):
     @classmethod
     def obstacle(cls, context: Context) -> str:
         obj = context.active_object
-        if obj is None or obj.type != "MESH" or not names_of_keys(obj):
+        if obj is None or obj.type != "MESH" or not mesh_data.names_of_keys(obj):
             return "Add or transfer shape keys first"
         if context.mode != "OBJECT":
             return "Switch to Object Mode first"
@@ -42,8 +42,8 @@ class ZOOMOUT_OT_play_expressions(PlayOperator):
 
     def start(self, context: Context) -> int:
         target = context.active_object
-        self._keys = names_of_keys(target)
-        self._found: Faults = faults_of_keys(context, target)
+        self._keys = mesh_data.names_of_keys(target)
+        self._found: services.expressions.Faults = services.expressions.faults_of_keys(context, target)
         names = [target.name, *self._found.sources]
         self._held = {name: HeldKeys(bpy.data.objects[name]) for name in names}
         self._uid, self._colored = target.session_uid, ""

@@ -8,7 +8,7 @@ import numpy as np
 from bpy.types import Context
 
 from zoomout_core.messages import message
-from zoomout_core.transfer.rigging.poses import extreme_turns
+from zoomout_core.transfer import rigging
 
 from ..mesh_data import HeldPose, armatures_of, follow_constraints, read_bones, turn_bones
 from .base.play_operator import PlayOperator
@@ -40,7 +40,7 @@ class ZOOMOUT_OT_test_poses(PlayOperator):
 
     def start(self, context: Context) -> int:
         self._bones = read_bones(context.active_object)
-        self._turns = extreme_turns(self._bones.parents)
+        self._turns = rigging.poses.extreme_turns(self._bones.parents)
         self._held = {armature.name: HeldPose(armature) for armature in armatures_of(context.active_object)}
         return len(self._turns)
 

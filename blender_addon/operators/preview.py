@@ -9,9 +9,9 @@ from bpy.types import Context, Operator, OperatorProperties
 
 from zoomout_core.messages import message
 
+from .. import services
 from ..scene.pair import check_not_edited
 from ..scene.stored_pair import read_stored_match
-from ..services.matching import previews
 from ..translations import translated
 from ..viewport import preview
 from ..viewport.preview import ASYMMETRY, OF_BINDING, OF_MATCH, OF_SYMMETRY
@@ -45,13 +45,13 @@ class ZOOMOUT_OT_preview(ModalOperator):
     async def work(self, context: Context) -> str:
         name = context.active_object.name
         if self.kind in OF_SYMMETRY:
-            preview.show(await previews.of_symmetry(context, name, self.kind))
+            preview.show(await services.matching.previews.of_symmetry(context, name, self.kind))
             return message("Showing the symmetry of '{name}'", name=name)
         if self.kind in OF_BINDING:
-            preview.show(previews.of_binding(context.active_object))
+            preview.show(services.matching.previews.of_binding(context.active_object))
             return message("Showing the binding of '{name}'", name=name)
         pair, match = await read_stored_match(context, name)
-        made = await previews.of_match(context, pair, match, self.kind)
+        made = await services.matching.previews.of_match(context, pair, match, self.kind)
         check_not_edited(context, pair)
         preview.show(made)
         return message("Showing the match of '{name}'", name=name)

@@ -9,7 +9,7 @@ from bpy.types import Context, Event
 
 from zoomout_core.transfer.keys.key_table import CONVENTIONS
 
-from ..services.key_names import rename_shape_keys
+from .. import services
 from .base.modal_operator import ModalOperator
 
 ABOUT = {
@@ -50,4 +50,6 @@ class ZOOMOUT_OT_rename_shape_keys(ModalOperator):
         return context.window_manager.invoke_props_dialog(self)
 
     async def work(self, context: Context) -> str:
-        return rename_shape_keys(context, context.active_object, self.convention.lower(), self.compose)
+        return services.key_names.rename_shape_keys(
+            context, context.active_object, self.convention.lower(), self.compose
+        )

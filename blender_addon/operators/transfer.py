@@ -9,16 +9,12 @@ from bpy.types import Context
 
 import zoomout_core as zo
 
+from .. import services
 from ..jobs import Work
 from ..properties.match import MatchOptions
 from ..properties.settings import OwnSources, SourceName, take_settings
 from ..properties.transfer import BLENDING, NAMING, BindChoice, BindOptions, BindView, BlendOptions, TransferOptions
 from ..scene.selection import chosen_targets, sources_of_targets
-from ..services.binding.write import hide_sources
-from ..services.matching.made_match import MatchUse
-from ..services.targets import Write, each_target
-from ..services.transfer import prepare_transfer
-from ..services.transfer_report import summarise_targets
 from ..storage import stored_match
 from ..viewport import preview
 from .base.modal_operator import ModalOperator
@@ -62,10 +58,10 @@ class ZOOMOUT_OT_transfer(
         binding = self.how_to_bind() if self.bind else None
 
         undo_step = self.adds_undo_steps and len(source_of) == 1
-        use = MatchUse(self.options.is_repeat, remedy=self.remedy, undo_step=undo_step)
+        use = services.matching.made_match.MatchUse(self.options.is_repeat, remedy=self.remedy, undo_step=undo_step)
 
-        def work(target: str) -> Work[Write[dict[str, Any]]]:
-            return prepare_transfer(
+        def work(target: str) -> Work[services.targets.Write[dict[str, Any]]]:
+            return services.transfer.prepare_transfer(
                 context,
                 source_of[target],
                 target,
@@ -76,12 +72,12 @@ class ZOOMOUT_OT_transfer(
                 **options,
             )
 
-        outcome = await each_target(list(source_of), work)
+        outcome = await services.targets.each_target(list(source_of), work)
         preview.clear()  # it would hide the result
         if self.hide_source:
-            hide_sources(context, outcome.done.values())
+            services.binding.write.hide_sources(context, outcome.done.values())
         self.report_failed(outcome)
-        return summarise_targets(outcome.done.values(), self.hide_source)
+        return services.transfer_report.summarise_targets(outcome.done.values(), self.hide_source)
 
 
 def _own_sources(context: Context) -> dict[str, str]:

@@ -7,14 +7,12 @@ from typing import Any
 
 from bpy.types import Context
 
+from .. import services
 from ..jobs import Work
 from ..properties.match import MatchOptions
 from ..properties.settings import SourceName, take_settings
 from ..properties.wrap import WrapOptions
 from ..scene.selection import sources_of_targets
-from ..services.matching.made_match import MatchUse
-from ..services.targets import Write, each_target
-from ..services.wrap import Wrapping, check_one_target, prepare_wrap, summary
 from ..viewport import preview
 from .base.modal_operator import ModalOperator
 
@@ -37,14 +35,14 @@ class ZOOMOUT_OT_wrap(SourceName, MatchOptions, WrapOptions, ModalOperator):
     async def work(self, context: Context) -> str:
         take_settings(self, context.scene.zoomout)
         source_of = sources_of_targets(context, self.source)
-        wrapping, options = Wrapping(**self.wrap_options()), self.match_options()
-        check_one_target(wrapping, source_of)
-        use = MatchUse(self.options.is_repeat, remedy=self.remedy)
+        wrapping, options = services.wrap.Wrapping(**self.wrap_options()), self.match_options()
+        services.wrap.check_one_target(wrapping, source_of)
+        use = services.matching.made_match.MatchUse(self.options.is_repeat, remedy=self.remedy)
 
-        def work(target: str) -> Work[Write[dict[str, Any]]]:
-            return prepare_wrap(context, source_of[target], target, wrapping, use, **options)
+        def work(target: str) -> Work[services.targets.Write[dict[str, Any]]]:
+            return services.wrap.prepare_wrap(context, source_of[target], target, wrapping, use, **options)
 
-        outcome = await each_target(list(source_of), work)
+        outcome = await services.targets.each_target(list(source_of), work)
         preview.clear()  # it would hide the result
         self.report_failed(outcome)
-        return " ".join(summary(report) for report in outcome.done.values())
+        return " ".join(services.wrap.summary(report) for report in outcome.done.values())

@@ -7,7 +7,7 @@ Blender needs evaluated property annotations, so this module does not postpone t
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, StringProperty
 from bpy.types import PropertyGroup
 
-from zoomout_core.symmetry.offsets import BLEND
+from zoomout_core.symmetry.sides import BLEND
 
 from ..colors import RED_LENGTH, RED_WEIGHT
 from .once import ONCE
@@ -21,6 +21,8 @@ AXES = {
     "Z": (0, 0, 1),
     "-Z": (0, 0, -1),
 }
+# Vertex groups of the sides, with suffixes like other groups.
+LEFT_GROUP, RIGHT_GROUP, MIDDLE_GROUP = "Side.L", "Side.R", "Side Middle"
 
 
 class DetectOptions:

@@ -25,6 +25,9 @@ from ..mesh_data.arrays import hash_of
 from ..properties.landmarks import ZOOMOUT_PG_landmark, ZOOMOUT_PG_place
 from .selection import participants
 
+# Starts of a match that may use landmarks.
+OF_LANDMARKS = ("auto", "landmarks")
+
 
 @dataclass(frozen=True, eq=False)
 class LandmarkPairs:

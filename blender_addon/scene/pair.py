@@ -10,7 +10,7 @@ positions in the meshes themselves, but not names, attributes or poses.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 
@@ -41,6 +41,18 @@ def name_of(obj: object) -> str:
         return str(obj.name)
     except ReferenceError:
         raise zo.MeshError("An object was removed from the file: find it in bpy.data.objects again.") from None
+
+
+def names_of(objects: object) -> list[str]:
+    """The names of a script's list of objects.
+
+    Raises:
+        MeshError: one was removed from the file.
+        TypeError: they are not a list of objects.
+    """
+    if isinstance(objects, Object) or not isinstance(objects, Iterable):
+        raise TypeError(f"{objects!r:.60} is not a list of objects: give one, such as [bpy.data.objects['Hat']].")
+    return [name_of(obj) for obj in objects]
 
 
 def find_mesh(context: Context, name: str, edited: bool = False) -> Object:

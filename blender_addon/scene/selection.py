@@ -4,7 +4,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
+import bpy
 from bpy.types import Context, Object
 
 import zoomout_core as zo
@@ -158,3 +160,17 @@ def select_only(context: Context, names: Sequence[str]) -> None:
         obj.select_set(True)
     if chosen and context.active_object not in chosen:
         context.view_layer.objects.active = chosen[0]
+
+
+def library_folders(context: Context) -> list[str]:
+    """The folders to search, by the scene's settings and the asset libraries of the Preferences."""
+    settings = context.scene.zoomout
+    chosen = [settings.library_folder] if settings.library_folder else []
+    if settings.use_asset_libraries:
+        chosen += asset_libraries(context)
+    return [bpy.path.abspath(folder) for folder in chosen]
+
+
+def asset_libraries(context: Context) -> list[str]:
+    """The folders of the asset libraries of the Preferences; that of the default one may not exist yet."""
+    return [each.path for each in context.preferences.filepaths.asset_libraries if Path(each.path).is_dir()]

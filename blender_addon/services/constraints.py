@@ -27,11 +27,19 @@ from zoomout_core.runtime.progress import stage
 from .. import mesh_data
 from ..jobs import compute, pause
 from ..mesh_data import ObjectPair
-from ..scene.landmarks import NO_LANDMARKS, LandmarkPairs, landmark_pairs, landmarks_fingerprint, landmarks_in_words
+from ..scene.landmarks import (
+    NO_LANDMARKS,
+    OF_LANDMARKS,
+    LandmarkPairs,
+    landmark_pairs,
+    landmarks_fingerprint,
+    landmarks_in_words,
+)
 from ..scene.pair import find_mesh, source_mesh, target_mesh
 from ..storage import stored_match
 from ..storage.stored_match import Match
 from ..storage.stored_report import transfer_report
+from .matching.bone_match import correct_match
 from .matching.half_match import HalfResult
 from .matching.initial_maps import map_of_file, same_order
 from .matching.parts import read_parts
@@ -48,8 +56,6 @@ HINTS = {
     GROUP: ("{count} vertex group of the same name", "{count} vertex groups of the same name"),
     MATERIAL: ("{count} material of the same name", "{count} materials of the same name"),
 }
-# Starts that may use landmarks.
-OF_LANDMARKS = ("auto", "landmarks")
 # Options that refer to the target's vertices by number.
 OF_VERTICES = frozenset({"regions", "initial_map"})
 
@@ -131,6 +137,7 @@ async def match_pair(
             )
         )
         result = HalfResult.of(result, pair.target)
+    result = await correct_match(context, pair, result)
     return replace(result, notes=(*notes, *on_parts, *result.notes))
 
 

@@ -174,15 +174,9 @@ def faults_of_keys(context: Context, target: Object) -> Faults:
     return Faults(names, find_stretched(context, names, target.name, match), keys, intersections, content)
 
 
-def names_of_keys(obj: Object) -> list[str]:
-    """The names of an object's shape keys besides the Basis."""
-    key = obj.data.shape_keys
-    return [] if key is None else [block.name for block in key.key_blocks if block != key.reference_key]
-
-
 def has_keys(context: Context, name: str) -> bool:
     """Whether an object has shape keys besides the Basis."""
-    return bool(names_of_keys(find_mesh(context, name)))
+    return bool(mesh_data.names_of_keys(find_mesh(context, name)))
 
 
 def find_stretched(context: Context, sources: Sequence[str], target: str, match: Match) -> dict[str, Booleans]:

@@ -18,6 +18,7 @@ from zoomout_core.arrays import Bytes
 from zoomout_core.library.pictures import draw_pair
 from zoomout_core.mesh.formats.blender_files import BLEND
 from zoomout_core.messages import message
+from zoomout_core.runtime.input_files import check_path
 from zoomout_core.runtime.progress import portion
 from zoomout_core.transfer import Attribute
 
@@ -26,6 +27,7 @@ from ..jobs import compute, run
 from ..scene.files import COLLECTION, append_assets, append_file, assets_of, open_empty_scene, shown_meshes
 from ..scene.pair import find_mesh, name_of
 from .carry import read_file
+from .found_pictures import last_pictures
 
 # Fraction of the progress that the preparation takes; a prepared library takes no time.
 PREPARED = 0.5
@@ -35,9 +37,6 @@ MOSTLY = 0.5
 # Pixels of the pictures of what was found, in width and height.
 PICTURE = 128
 
-# The pictures of the last search by file, which the sidebar shows until Blender ends.
-last_pictures: dict[Path, tuple[Bytes, Bytes]] = {}
-
 
 class Search(NamedTuple):
     """The result of a search."""
@@ -45,20 +44,6 @@ class Search(NamedTuple):
     found: zo.FoundSources
     failures: dict[Path, str]  # why files were skipped, in a sentence each
     pictures: dict[Path, tuple[Bytes, Bytes]]  # of each file and of the target, in matching colours
-
-
-def library_folders(context: Context) -> list[str]:
-    """The folders to search, by the scene's settings and the asset libraries of the Preferences."""
-    settings = context.scene.zoomout
-    chosen = [settings.library_folder] if settings.library_folder else []
-    if settings.use_asset_libraries:
-        chosen += asset_libraries(context)
-    return [bpy.path.abspath(folder) for folder in chosen]
-
-
-def asset_libraries(context: Context) -> list[str]:
-    """The folders of the asset libraries of the Preferences; that of the default one may not exist yet."""
-    return [each.path for each in context.preferences.filepaths.asset_libraries if Path(each.path).is_dir()]
 
 
 def find_source(context: Context, target: Object, folders: Sequence[str]) -> Search:
@@ -71,7 +56,10 @@ def find_source(context: Context, target: Object, folders: Sequence[str]) -> Sea
 
     Raises:
         MeshError: the target has no surface, or a folder is missing or has no characters.
+        TypeError: the folders are not a list.
     """
+    if isinstance(folders, str | Path):
+        raise TypeError(f"The folders are {str(folders)!r:.60}: give a list of them, such as ['characters'].")
     return run(find_source_async(context, name_of(target), folders))
 
 
@@ -160,6 +148,7 @@ def append_source(context: Context, path: str | Path, joints: Sequence[str] = ()
     Raises:
         MeshError: the file cannot be read, or has no mesh, or the active object has none of the groups.
     """
+    check_path(path)
     selected, target = context.selected_objects, context.view_layer.objects.active
     mask = _sum_of_groups(target, joints) if joints else None
     with mesh_data.all_or_nothing():

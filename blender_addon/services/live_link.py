@@ -11,7 +11,6 @@ from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 from bpy.types import Context, Object
@@ -81,7 +80,7 @@ def update_linked(context: Context, target: Object) -> dict[str, float]:
 
 async def prepare_update(context: Context, target_name: str) -> Write[dict[str, float]]:
     """`update_linked` without writing: returns a function that writes."""
-    linked = link_of(find_mesh(context, target_name))
+    linked = stored_link.link_of(find_mesh(context, target_name))
     if linked is None:
         raise zo.MeshError("'{target}' is not linked: use Keep Linked first.", target=target_name)
     try:
@@ -134,17 +133,6 @@ def summary(target: str, shares: dict[str, float]) -> str:
         target=target,
         layers=plural(sum(share > 0 for share in shares.values()), "{count} layer", "{count} layers"),
     )
-
-
-def link_of(target: Object) -> dict[str, Any] | None:
-    """How a target was linked; None if it is not linked, or its modifier was removed."""
-    return stored_link.description(target.data) if mesh_data.link_modifier(target) is not None else None
-
-
-def has_older_match(target: Object) -> bool:
-    """Whether a target was matched again since it was linked."""
-    linked, match = link_of(target), stored_match.description(target.data)
-    return linked is not None and match is not None and match.get("entries") != linked["entries"]
 
 
 def _check(context: Context, pair: ObjectPair, settings: Settings) -> None:

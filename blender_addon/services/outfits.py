@@ -20,6 +20,8 @@ from zoomout_core.messages import warning
 from zoomout_core.outfits.batch import DressedFile
 from zoomout_core.outfits.check import RiggedSurface, check_rigged
 from zoomout_core.outfits.parts import are_of_body
+from zoomout_core.transfer import Skeleton
+from zoomout_core.transfer.rigging.joint_map import RiggedBody
 
 from .. import mesh_data
 from ..jobs import run
@@ -83,6 +85,17 @@ class BlenderFiles:
     def read_body(self, path: Path, wears: bool) -> zo.Surface:
         """See `AvatarFiles`."""
         return self._open(path, wears).joined
+
+    def read_rigged(self, path: Path, wears: bool) -> RiggedBody | None:
+        """See `AvatarFiles`; None also if modifiers change the number of vertices."""
+        avatar = self._open(path, wears)
+        shown, bones = avatar.joined, mesh_data.read_bones(find_mesh(self.context, avatar.largest))
+        objects = [find_mesh(self.context, name) for name in avatar.body]
+        rest = self._upright(list(avatar.body), True).vertices
+        if not bones.names or not len(rest) == len(shown.vertices) == sum(len(each.data.vertices) for each in objects):
+            return None
+        skeleton = Skeleton(bones.names, bones.parents, _y_up(bones.heads))
+        return RiggedBody(shown.with_vertices(rest), skeleton, _weights(objects, bones))
 
     def ending(self, avatar: Path) -> str:
         """See `AvatarFiles`."""

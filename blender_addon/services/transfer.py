@@ -11,6 +11,7 @@ from typing import Any
 from bpy.types import Context, Object
 
 import zoomout_core as zo
+from zoomout_core.messages import as_message, enumeration, message
 from zoomout_core.runtime.progress import portion, stage
 from zoomout_core.transfer import Blend
 
@@ -279,8 +280,10 @@ async def _collect(
     context: Context, pair: ObjectPair, data: Collection[str], settings: Settings
 ) -> tuple[list[Adapter], Remarks, Blend]:
     """Choose the source's data, check that the target can receive it, and determine the blend."""
-    if isinstance(data, str):
-        raise TypeError(f"The data is the text {data!r}: give a list of kinds, such as [{data!r}].")
+    if isinstance(data, str) or not isinstance(data, Collection):
+        raise TypeError(f"The data is {data!r:.60}: give a list of kinds, such as ['uv_maps'].")
+    if not isinstance(settings, Settings):
+        raise TypeError(f"The settings are {settings!r:.60}: give an object of the class Settings.")
     if unknown := set(data).difference(DATA):
         raise ValueError(f"There is no kind of data named {', '.join(sorted(unknown))}: choose from {', '.join(DATA)}.")
     adapters, remarks = list[Adapter](), Remarks()

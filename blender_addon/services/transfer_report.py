@@ -4,22 +4,24 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from bpy.types import Object
 
-from zoomout_core.matching.report.part_report import without_shares
+from zoomout_core.matching import report as match_report
 from zoomout_core.messages import as_message, enumeration, message, plural, warning
 
-from ..adapters import DATA, NOUNS, Adapter, TransferJob
+from ..adapters import DATA, NOUNS
 from ..properties.match import option_label
 from ..storage import stored_match, stored_report
-from .binding.bind import Bound
-from .binding.write import is_at_source
+from . import binding
+
+if TYPE_CHECKING:
+    from ..adapters import Adapter, TransferJob
 
 
 def write_report(
-    target: Object, adapters: Sequence[Adapter], job: TransferJob, users: int, bound: Bound | None
+    target: Object, adapters: Sequence[Adapter], job: TransferJob, users: int, bound: binding.bind.Bound | None
 ) -> dict[str, Any]:
     """Store the report of a transfer on its target, whose mesh several objects (`users`) may share; returns it."""
     match, pair, remarks = job.match, job.pair, job.remarks
@@ -37,7 +39,11 @@ def write_report(
         "target": pair.target_name,
         "written": written,
         "skipped": remarks.skipped,
-        "notes": [*without_shares(match.notes), *remarks.notes, *([shared] if users > 1 else [])],
+        "notes": [
+            *match_report.part_report.without_shares(match.notes),
+            *remarks.notes,
+            *([shared] if users > 1 else []),
+        ],
         "vertices": len(match.confidence),
         "low_confidence": stored_match.low_confidence(match.confidence),
         "without_partner": stored_match.without_partner(match),
@@ -49,7 +55,7 @@ def write_report(
     return report
 
 
-def _binding_in_report(target: Object, bound: Bound) -> dict[str, Any]:
+def _binding_in_report(target: Object, bound: binding.bind.Bound) -> dict[str, Any]:
     """The armature of a bound target for reports, and whether it is a copy that was moved into it."""
     moved = {"moved": True} if bound.rig is not None else {}
     return {"armature": target.parent.name, "shape": bound.shape} | moved
@@ -88,7 +94,7 @@ def summarise_targets(reports: Iterable[dict[str, Any]], hidden: bool) -> str:
         hidden: whether the sources of bound targets were hidden.
     """
     return enumeration(
-        (_place(report, hidden) if is_at_source(report) else summary(report) for report in reports), "; "
+        (_place(report, hidden) if binding.write.is_at_source(report) else summary(report) for report in reports), "; "
     )
 
 

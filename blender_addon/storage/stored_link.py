@@ -7,8 +7,10 @@ import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from bpy.types import Mesh
+from bpy.types import Mesh, Object
 
+from ..mesh_data import link_modifier
+from . import stored_match
 from .stored_json import Kind, read_json
 
 PROPERTY = "zoomout_linked"
@@ -42,3 +44,14 @@ def remove(mesh: Mesh) -> None:
     """Remove the description from a mesh, if it has one."""
     if PROPERTY in mesh:
         del mesh[PROPERTY]
+
+
+def link_of(target: Object) -> dict[str, Any] | None:
+    """How a target was linked; None if it is not linked, or its modifier was removed."""
+    return description(target.data) if link_modifier(target) is not None else None
+
+
+def has_older_match(target: Object) -> bool:
+    """Whether a target was matched again since it was linked."""
+    linked, match = link_of(target), stored_match.description(target.data)
+    return linked is not None and match is not None and match.get("entries") != linked["entries"]

@@ -84,7 +84,7 @@ class StoredMatch:
     torn: Booleans | None = None
 
 
-Match: TypeAlias = zo.MatchResult | zo.ProximityMatch | StoredMatch
+Match: TypeAlias = "zo.MatchResult | zo.ProximityMatch | StoredMatch"
 
 
 def along(match: Match, surface_map: zo.SurfaceMap, confidence: Floats) -> StoredMatch:

@@ -16,10 +16,10 @@ import numpy as np
 from bpy.types import Mesh, Object
 
 import zoomout_core as zo
+from zoomout_core import symmetry as core_symmetry
 from zoomout_core.arrays import Bytes, Floats
 from zoomout_core.maps.surface_map import fault_of_map
-from zoomout_core.messages import message, to_json
-from zoomout_core.symmetry.self_map import SelfMap
+from zoomout_core.messages import as_message, message, probability, to_json
 from zoomout_core.transfer import Attribute, Domain, Kind
 
 from ..colors import pair_colors
@@ -194,7 +194,7 @@ def order(mesh: Mesh) -> int:
     return int(stored["candidates"][stored["chosen"]].get("order", 0)) if stored else 0
 
 
-def read(obj: Object) -> SelfMap:
+def read(obj: Object) -> core_symmetry.self_map.SelfMap:
     """The chosen symmetry of an object whose mesh has not changed.
 
     Raises:
@@ -209,7 +209,7 @@ def read(obj: Object) -> SelfMap:
     return _chosen_symmetry(obj.data, stored, now)
 
 
-def read_with_sculpt(obj: Object) -> tuple[SelfMap, Floats]:
+def read_with_sculpt(obj: Object) -> tuple[core_symmetry.self_map.SelfMap, Floats]:
     """The chosen symmetry, of the mesh when it was detected, and the offsets (n, 3) of vertices since.
 
     Raises:
@@ -266,7 +266,7 @@ def _surface_now(obj: Object) -> zo.Surface:
     return surface
 
 
-def _chosen_symmetry(mesh: Mesh, stored: dict[str, Any], surface: zo.Surface) -> SelfMap:
+def _chosen_symmetry(mesh: Mesh, stored: dict[str, Any], surface: zo.Surface) -> core_symmetry.self_map.SelfMap:
     """The chosen symmetry of a mesh, on the surface that it was detected on."""
     values = {name: read_layer(mesh, _name(stored["chosen"], name)).attribute.values for name in PARTS}
     # They are stored in single precision: rescale them to a sum of one.
@@ -277,7 +277,7 @@ def _chosen_symmetry(mesh: Mesh, stored: dict[str, Any], surface: zo.Surface) ->
     ):
         raise zo.MeshError("The symmetry stored on '{mesh}' is damaged: detect it again.", mesh=mesh.name)
     barycentric /= barycentric.sum(axis=1, keepdims=True)
-    return SelfMap(
+    return core_symmetry.self_map.SelfMap(
         surface=surface,
         surface_map=zo.SurfaceMap(values["triangle"].astype(np.int64), barycentric, surface.triangles),
         confidence=values["confidence"].astype(np.float64),
@@ -315,3 +315,10 @@ def _write(mesh: Mesh, name: str, kind: Kind, data_type: str, values: np.ndarray
 
 def _update(mesh: Mesh, **values: Any) -> None:
     mesh[PROPERTY] = json.dumps(json.loads(mesh[PROPERTY]) | values)
+
+
+def summary(candidate: dict[str, Any]) -> str:
+    """A candidate of `description` in a few words."""
+    return message(
+        "{name}, {certainty}", name=as_message(candidate["name"]), certainty=probability(candidate["certainty"])
+    )

@@ -37,7 +37,6 @@ from ..operators.preview import ZOOMOUT_OT_clear_preview, ZOOMOUT_OT_preview
 from ..operators.rename_shape_keys import ZOOMOUT_OT_rename_shape_keys
 from ..operators.transfer import ZOOMOUT_OT_transfer
 from ..operators.wrap import ZOOMOUT_OT_wrap
-from ..services.symmetry.detect import summary
 from ..storage import stored_symmetry
 from ..translations import translated
 from ..viewport.preview import ASYMMETRY, OF_BINDING, OF_MATCH, OF_SYMMETRY, Kind
@@ -114,7 +113,7 @@ class ZOOMOUT_MT_symmetry(Menu):
             return
         layout.separator()
         for number, candidate in enumerate(stored["candidates"]):
-            text = translated(message("Use {candidate}", candidate=summary(candidate)))
+            text = translated(message("Use {candidate}", candidate=stored_symmetry.summary(candidate)))
             layout.operator(symmetry.ZOOMOUT_OT_choose_symmetry.bl_idname, text=text).number = number
 
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import bpy
 import gpu
@@ -20,13 +20,14 @@ import numpy as np
 from bpy.types import Mesh, Object
 from mathutils import Vector
 
-from zoomout_core.arrays import Floats, Integers
-from zoomout_core.transfer.uv.seam_cut import SeamCut
-
 from ..mesh_data.arrays import read_array
 from ..scene.mesh_facts import facts
 from ..scene.redraw import redraw_views
 from . import carried
+
+if TYPE_CHECKING:
+    from zoomout_core.arrays import Floats, Integers
+    from zoomout_core.transfer.uv.seam_cut import SeamCut
 
 # Depth offset of overlays towards the viewer, as a fraction of the depth range.
 NEARER = 2e-5

@@ -149,7 +149,7 @@ def test_odd_target_is_matched_or_refused_in_a_sentence(name: str) -> None:
         np.testing.assert_allclose(weights, 1, atol=1e-3)
 
 
-# Calls of a script with wrong arguments, and what is said.
+# Calls of a script with wrong arguments, and the error messages.
 CALLS: dict[str, tuple[Callable[[Object, Object], object], str]] = {
     "no object": (lambda source, _: api.match_objects(bpy.context, source, None), "None is not an object: give one"),
     "a name": (lambda _, target: api.wrap(bpy.context, "Source", target), "'Source' is not an object: give one"),
@@ -159,9 +159,31 @@ CALLS: dict[str, tuple[Callable[[Object, Object], object], str]] = {
     "an unknown detail": (lambda *pair: api.match_objects(bpy.context, *pair, detail="huge"), "detail is 'huge'"),
     "a size in words": (lambda *pair: api.match_objects(bpy.context, *pair, k_final="large"), "k_final is 'large'"),
     "an unknown side": (lambda source, _: api.detect_symmetry(bpy.context, source, left="Q"), "left is 'Q'"),
-    "half a vertex": (lambda source, _: api.set_landmark(bpy.context, source, 1, 1.5), "not a mesh with a vertex 1.5"),
+    "half a vertex": (lambda source, _: api.set_landmark(bpy.context, source, 1, 1.5), "has no vertex 1.5"),
     "landmark 0": (lambda source, _: api.set_landmark(bpy.context, source, 0, 1), "number is 0"),
     "a landmark on nothing": (lambda *_: api.set_landmark(bpy.context, None, 1, 1), "None is not an object"),
+    "no data": (lambda *pair: api.transfer_objects(bpy.context, *pair, None), "The data is None"),
+    "settings of a dictionary": (
+        lambda *pair: api.transfer_objects(bpy.context, *pair, settings={"factor": 1}),
+        "The settings are {'factor': 1}: give an object",
+    ),
+    "one object as clothes": (lambda *pair: api.dress(bpy.context, *pair, pair[0]), "is not a list of objects"),
+    "no clothes": (lambda *pair: api.dress(bpy.context, *pair, None), "None is not a list of objects"),
+    "an unknown way to mirror": (
+        lambda source, _: api.mirror_shape_key(bpy.context, source, "Up", mode="odd"),
+        "mode is 'odd': choose one of mirror, split, symmetrise",
+    ),
+    "one folder": (
+        lambda source, _: api.find_source(bpy.context, source, "here"),
+        "The folders are 'here': give a list",
+    ),
+    "no file to append": (lambda *_: api.append_source(bpy.context, None), "not as a NoneType"),
+    "a huge landmark": (lambda source, _: api.set_landmark(bpy.context, source, 2**31, 1), "has the number 2147483648"),
+    "a number as a name": (lambda source, _: api.set_landmark(bpy.context, source, 1, 1, 5), "and the name 5"),
+    "a level in words": (
+        lambda source, _: api.make_levels(bpy.context, source, api.LevelChoice(("half",))),
+        "A level cannot have 'half' of 200 vertices",
+    ),
     "no levels": (lambda source, _: api.make_levels(bpy.context, source, api.LevelChoice(())), "No levels are given"),
 }
 
@@ -171,6 +193,27 @@ def test_wrong_arguments_of_scripts_raise_one_sentence(name: str) -> None:
     call, said = CALLS[name]
     with pytest.raises((TypeError, ValueError), match=rf"{said}[^\n]*\.$"):
         call(body("Source", 0), body("Target", 1))
+
+
+def test_refused_landmark_adds_nothing() -> None:
+    with pytest.raises(ValueError, match="has the number"):
+        api.set_landmark(bpy.context, body("Source", 0), 2**31, 1)
+    assert not bpy.context.scene.zoomout.landmarks
+
+
+def test_landmark_in_another_scene_is_named() -> None:
+    source = body("Source", 0)
+    bpy.data.scenes.new("Other").collection.objects.link(source)
+    bpy.context.scene.collection.objects.unlink(source)
+    with pytest.raises(zo.MeshError, match="There is no object 'Source' in the scene"):
+        api.set_landmark(bpy.context, source, 1, 1)
+
+
+def test_armature_modifier_without_armature_is_named() -> None:
+    source, target = body("Source", 0), body("Target", 0)
+    source.modifiers.new("Armature", "ARMATURE")
+    with pytest.raises(zo.MeshError, match="Armature modifier of 'Source' has no object"):
+        api.bind_to_rig(bpy.context, source, target, **NEAREST)
 
 
 def test_removed_object_is_named() -> None:
@@ -206,9 +249,30 @@ def absolute_keys(source: Object, _: Object) -> None:
     source.data.shape_keys.use_relative = False
 
 
+def locked_key(source: Object, target: Object) -> None:
+    for obj in (source, target):
+        for name in ("Basis", "Up"):
+            obj.shape_key_add(name=name)
+    target.data.shape_keys.key_blocks["Up"].lock_shape = True
+
+
+def test_locked_shape_key_stays_as_it_is() -> None:
+    source, target = body("Source", 0), body("Target", 0)
+    locked_key(source, target)
+    source.shape_key_add(name="Down").data[0].co.z -= 1
+    source.data.shape_keys.key_blocks["Up"].data[0].co.z += 1
+    report = api.transfer_objects(bpy.context, source, target, ["shape_keys"], **NEAREST)
+    assert report["written"]["shape_keys"] == ["Down"]
+    assert report["skipped"] == {"Up": "the target's shape key is locked"}
+    basis, up, down = target.data.shape_keys.key_blocks
+    assert up.data[0].co == basis.data[0].co
+    assert down.data[0].co.z < basis.data[0].co.z
+
+
 @pytest.mark.parametrize(
     ("change", "data", "said"),
     [
+        (locked_key, "shape_keys", "Up: skipped, the target's shape key is locked."),
         (locked_group, "vertex_groups", "Bone: skipped, the target's vertex group is locked."),
         (absolute_keys, "shape_keys", "those of 'Source' are absolute: turn on Relative in its shape keys."),
     ],

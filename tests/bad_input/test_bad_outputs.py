@@ -162,6 +162,11 @@ def test_too_long_name_of_an_output_is_one_sentence(meshes: tuple[Path, Path], t
     assert_refused(run(zoomout, "transfer", *meshes, "-o", tmp_path / f"{'x' * 300}.glb"), "is too long for a file")
 
 
+def test_empty_name_of_an_output_is_named(meshes: tuple[Path, Path]) -> None:
+    add_colors(meshes[0])
+    assert_refused(run(zoomout, "transfer", *meshes, "-o", ""), "The name of the output is empty: give a file or")
+
+
 def test_full_disk_in_a_trial_is_not_a_fault_of_the_file(
     meshes: tuple[Path, Path], tmp_path: Path, size_limit: Limit
 ) -> None:

@@ -18,12 +18,12 @@ from zoomout_core.matching.preparation.memory_cache import cached_analysis, cach
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.runtime.memory import bytes_of
 
-BOUND = 1 << 20
+# Number of shapes or meshes that fit into the bound; more than the cache keeps whatever their size.
+FITTING = 3 * memory_cache.MIN_KEPT
 
 
 @pytest.fixture(autouse=True)
-def traced(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    monkeypatch.setattr(memory_cache, "MAX_BYTES", BOUND)
+def traced() -> Iterator[None]:
     zo.forget_shapes()
     gc.collect()
     tracemalloc.start()
@@ -54,23 +54,32 @@ KEEPING: dict[str, tuple[int, Callable[[Surface], None]]] = {
 }
 
 
+def kept() -> tuple[object, ...]:
+    """All that the cache keeps."""
+    return *memory_cache._shapes._values.values(), *memory_cache._meshes._values.values()
+
+
 @pytest.mark.slow(but=1)
 @pytest.mark.parametrize("case", KEEPING)
-def test_memory_stays_within_the_bound(case: str) -> None:
+def test_memory_stays_within_the_bound(case: str, monkeypatch: pytest.MonkeyPatch) -> None:
     count, keep = KEEPING[case]
     surface = creature(count).surface
     random = np.random.default_rng(0)
     keep(surface)  # imports modules, which stay
+    size = bytes_of(*kept())  # of one; coarse meshes are subdivided
+    bound = FITTING * size
+    monkeypatch.setattr(memory_cache, "MAX_BYTES", bound)
     zo.forget_shapes()
     gc.collect()
-    before, most, kept, full = tracemalloc.get_traced_memory()[0], 0, -1, 0
-    while full < 2:  # no more are kept than before
+    before, memory = tracemalloc.get_traced_memory()[0], []
+    for _ in range(4 * FITTING):
         keep(Surface(surface.vertices + 1e-3 * random.standard_normal(surface.vertices.shape), surface.triangles))
         gc.collect()
-        most = max(most, tracemalloc.get_traced_memory()[0] - before)
-        kept_before, kept = kept, len(memory_cache._shapes._values) + len(memory_cache._meshes._values)
-        full += kept <= kept_before
-    assert 0.3 * BOUND < most < 1.5 * BOUND
+        memory.append(tracemalloc.get_traced_memory()[0] - before)
+    assert memory_cache.MIN_KEPT < len(kept()) <= FITTING + 1
+    assert 0.5 * bound < max(memory) < 1.5 * bound
+    # Nothing that the cache has dropped stays elsewhere.
+    assert max(memory[-FITTING:]) < max(memory[FITTING : 2 * FITTING]) + 0.5 * size
 
 
 ARRAY = np.zeros(10_000)

@@ -30,27 +30,42 @@ def with_unknown_extension(tree: dict[str, Any]) -> None:
     tree["extensionsRequired"] = ["EXT_bent_space", "KHR_materials_unlit"]
 
 
-def with_joints_alone(tree: dict[str, Any]) -> None:
-    tree["accessors"].append({"componentType": 5121, "count": 3, "type": "VEC4"})
-    tree["meshes"][0]["primitives"][0]["attributes"]["JOINTS_0"] = 3
+def add_accessor(tree: dict[str, Any], values: np.ndarray, kind: str) -> int:
+    """Store an array in a document; the number of its accessor."""
+    content = values.tobytes()
+    tree["buffers"].append({"byteLength": len(content), "uri": f"data:;base64,{b64encode(content).decode()}"})
+    tree["bufferViews"].append({"buffer": len(tree["buffers"]) - 1, "byteLength": len(content)})
+    component = {"u1": 5121, "f4": 5126}[values.dtype.str[1:]]
+    view = len(tree["bufferViews"]) - 1
+    tree["accessors"].append({"bufferView": view, "componentType": component, "count": len(values), "type": kind})
+    return len(tree["accessors"]) - 1
+
+
+def with_joints(tree: dict[str, Any], joint: int = 0) -> None:
+    tree["meshes"][0]["primitives"][0]["attributes"]["JOINTS_0"] = add_accessor(
+        tree, np.full((3, 4), joint, "u1"), "VEC4"
+    )
     tree["nodes"][2]["skin"], tree["skins"] = 0, [{"joints": [0, 1]}]
 
 
-def with_nan_weights(tree: dict[str, Any]) -> None:
-    with_joints_alone(tree)
-    content = np.full((3, 4), np.nan, "<f4").tobytes()
-    tree["buffers"].append({"byteLength": len(content), "uri": f"data:;base64,{b64encode(content).decode()}"})
-    tree["bufferViews"].append({"buffer": len(tree["buffers"]) - 1, "byteLength": len(content)})
-    view = len(tree["bufferViews"]) - 1
-    tree["accessors"].append({"bufferView": view, "componentType": 5126, "count": 3, "type": "VEC4"})
-    tree["meshes"][0]["primitives"][0]["attributes"]["WEIGHTS_0"] = len(tree["accessors"]) - 1
+def with_weights(value: float) -> Callable[[dict[str, Any]], None]:
+    """A change that gives all joints of all vertices a weight."""
+
+    def change(tree: dict[str, Any]) -> None:
+        with_joints(tree)
+        weights = add_accessor(tree, np.full((3, 4), value, "<f4"), "VEC4")
+        tree["meshes"][0]["primitives"][0]["attributes"]["WEIGHTS_0"] = weights
+
+    return change
 
 
 NOTED: dict[str, tuple[Callable[[dict[str, Any]], None], str]] = {
     "an attribute of its own": (with_own_attribute, "contains the vertex attributes _HEAT, which are left out"),
     "an unknown extension": (with_unknown_extension, "requires EXT_bent_space, which is not read: check the meshes"),
-    "weights that are not numbers": (with_nan_weights, "have no skin weights and follow the first joint"),
-    "joints without weights": (with_joints_alone, "have no skin weights and follow the first joint"),
+    "weights that are not numbers": (with_weights(np.nan), "have no skin weights and follow the first joint"),
+    "infinite weights": (with_weights(np.inf), "have no skin weights and follow the first joint"),
+    "negative weights": (with_weights(-1), "have no skin weights and follow the first joint"),
+    "joints without weights": (with_joints, "have no skin weights and follow the first joint"),
 }
 
 
@@ -79,6 +94,28 @@ def test_rotation_of_zeros_is_named(tmp_path: Path) -> None:
     path.write_bytes(content_of(tree))
     with pytest.raises(MeshError, match="the rotation of a node is 0, 0, 0, 0"):
         zo.read_asset(path)
+
+
+def test_joint_beyond_the_skin_is_named(tmp_path: Path) -> None:
+    tree, path = document(), tmp_path / "odd.gltf"
+    with_joints(tree, 7)
+    path.write_bytes(content_of(tree))
+    with pytest.raises(MeshError, match="a vertex follows joint 7, but its skin has only 2 joints"):
+        zo.read_asset(path)
+
+
+@pytest.mark.parametrize(("joint", "refused"), [(1, True), (0, False)])
+def test_singular_bind_matrix_is_named_where_it_is_used(joint: int, refused: bool, tmp_path: Path) -> None:
+    tree, path = document(), tmp_path / "odd.gltf"
+    with_joints(tree, joint)
+    matrices = np.stack([np.eye(4), np.diag([1.0, 1, 0, 1])]).astype("<f4")
+    tree["skins"][0]["inverseBindMatrices"] = add_accessor(tree, matrices, "MAT4")
+    path.write_bytes(content_of(tree))
+    if refused:
+        with pytest.raises(MeshError, match=r"the inverse bind matrix of 'Tip' cannot be inverted"):
+            zo.read_asset(path)
+    else:
+        assert zo.read_asset(path).surface.area > 0
 
 
 @pytest.mark.parametrize("strip", [[[0, 1, 2, 3]], [[0, 1, 2], [2, 1, 3]], [[0, 1, 2, -1, 2, 1, 3]], [[0, 1, 2, 3, 3]]])
@@ -125,6 +162,17 @@ def test_written_values_are_finite_and_complete(ending: str, tmp_path: Path) -> 
 
 def uv_map(values: Floats) -> zo.Attribute:
     return zo.Attribute("uv 0", zo.Domain.CORNER, zo.Kind.UV, values)
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-32-le"])
+def test_obj_in_unicode_of_windows_is_read(encoding: str, tmp_path: Path) -> None:
+    path = tmp_path / "odd.obj"
+    path.write_bytes(OBJ.encode(encoding))
+    if encoding == "utf-32-le":
+        with pytest.raises(MeshError):
+            zo.read_surface(path)
+    else:
+        assert zo.read_surface(path).area == zo.read_asset(path).surface.area == 0.5
 
 
 def test_empty_file_name_is_named() -> None:

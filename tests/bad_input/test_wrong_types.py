@@ -21,6 +21,7 @@ from zoomout_core.cli import main
 from zoomout_core.matching.constraints import check_axes
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.outputs import OutputError
+from zoomout_core.transfer import Blend
 
 SURFACE = creature(100).surface
 SAME = zo.SurfaceMap(np.zeros(100, dtype=int), np.tile([1.0, 0, 0], (100, 1)), SURFACE.triangles)
@@ -142,6 +143,9 @@ WRONG: dict[str, Callable[[], object]] = {
     "errors of fractions": lambda: zo.geodesic_error(np.full(100, 0.5), SURFACE, np.arange(100), np.arange(100)),
     "smoothness in words": lambda: zo.wrap(SAME, SURFACE, SURFACE, smoothness="high"),  # type: ignore[arg-type]
     "a mask in words": lambda: zo.wrap(SAME, SURFACE, SURFACE, mask="all"),
+    "stiffness in words": lambda: zo.dress(SAME, SURFACE, SURFACE, [SURFACE], stiffness="stiff"),  # type: ignore[arg-type]
+    "a gap in words": lambda: zo.dress(SAME, SURFACE, SURFACE, [SURFACE], gap="wide"),  # type: ignore[arg-type]
+    "a blend in words": lambda: Blend(factor="half"),  # type: ignore[arg-type]
     "a number as clothes": lambda: zo.dress(SAME, SURFACE, SURFACE, [3]),  # type: ignore[list-item]
     "clothes without a list": lambda: zo.dress(SAME, SURFACE, SURFACE, SURFACE),  # type: ignore[arg-type]
     "keys in words": lambda: zo.follow_keys(SURFACE, "smile", [SURFACE]),
@@ -153,6 +157,21 @@ WRONG: dict[str, Callable[[], object]] = {
     "one name of a key": lambda: zo.translate_key_names("jawOpen", "arkit"),
     "numbers as names of keys": lambda: zo.recognise_key_names([1, 2]),  # type: ignore[list-item]
     "no names of keys": lambda: zo.missing_key_names(None, "arkit"),  # type: ignore[arg-type]
+    "landmarks along a number": lambda: zo.transfer_landmarks(3, [1]),  # type: ignore[arg-type]
+    "a mirror image of a number": lambda: zo.mirror_candidate(3),  # type: ignore[arg-type]
+    "a face without keys": lambda: zo.propose_face_landmarks(SURFACE, None),  # type: ignore[arg-type]
+    "keys of a number of vertices": lambda: zo.propose_face_landmarks(
+        SURFACE, zo.Attribute("keys", zo.Domain.POINT, zo.Kind.OFFSET, np.zeros((99, 1, 3)), ("blink",))
+    ),
+    "libraries in words": lambda: zo.find_source(SURFACE, "characters"),  # type: ignore[arg-type]
+    "half an asset to compare": lambda: zo.find_source(SURFACE, [], 0.5),  # type: ignore[arg-type]
+    "a number as a cache": lambda: zo.store_shapes(3),  # type: ignore[arg-type]
+    "a cache of words": lambda: zo.store_shapes("cache", "large"),  # type: ignore[arg-type]
+    "a triangle beyond the target": lambda: SAME.at(SURFACE, SURFACE, np.array([10**6]), np.array([[1.0, 0, 0]])),
+    "a shape of a collection above its folder": lambda: zo.match_collection(
+        {"a": SURFACE, "../b": SURFACE}, template="a"
+    ),
+    "a number as the name of a shape": lambda: zo.match_collection({"a": SURFACE, 3: SURFACE}, template="a"),  # type: ignore[dict-item]
     "a cloud of faces": lambda: zo.match(SURFACE, ([0, 1, 2], SURFACE.vertices)),
 }
 
@@ -171,6 +190,20 @@ def test_masked_numbers_are_filled_in_and_counted() -> None:
     moved_on = moved(np.ma.masked_less(np.arange(100.0), 3), zo.Kind.SCALAR)
     assert moved_on.values.min() >= 3
     assert "3 of 100 values of 'it' are not finite" in moved_on.notes[0]
+
+
+@pytest.mark.parametrize("name", ["b/..", "b/c", "..", "", "b\\c"])
+def test_shapes_of_a_collection_are_written_in_its_folder(name: str, tmp_path: Path) -> None:
+    with pytest.raises(MeshError, match="its files need a name, without slashes"):
+        zo.match_collection({"a": SURFACE, name: SURFACE}, tmp_path / "out", template="a")
+    assert [path.name for path in tmp_path.rglob("*.ply")] == ["a.ply"]
+
+
+def test_negative_weights_are_noted() -> None:
+    weights = csr_array(np.column_stack([np.full(100, -1.0), np.ones(100)]))
+    found = moved(weights, zo.Kind.WEIGHT)
+    assert found.values.toarray().tolist() == [[0, 1]] * 100
+    assert found.notes == ("it: 100 negative weights count as 0.",)
 
 
 @pytest.mark.parametrize("name", WRONG)

@@ -44,7 +44,7 @@ def test_the_example_runs(objects):
 
 def test_missing_vertex_is_refused_in_one_sentence(objects):
     for vertex in (-1, 642):
-        with pytest.raises(zo.MeshError, match=f"'Hero' is not a mesh with a vertex {vertex}"):
+        with pytest.raises(zo.MeshError, match=f"'Hero' has no vertex {vertex}"):
             api.set_landmark(bpy.context, objects[0], 1, vertex)
 
 

@@ -12,7 +12,7 @@ from scenes import activate, from_pydata, positions, snapshot_file, values
 import zoomout_core as zo
 from blender_addon import jobs
 from blender_addon.scene.pair import read_pair
-from blender_addon.services.matching import candidates
+from blender_addon.services.matching import cached_results, candidates
 from blender_addon.services.matching.match import match_objects
 from blender_addon.services.matching.seam_cut import cut_seams
 from blender_addon.services.matching.use_candidate import use_candidate_async
@@ -119,11 +119,11 @@ def test_reopened_file_still_offers_swapped_sides(source, target, tmp_path):
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "kept.blend"))
     target = bpy.data.objects["Target"]
     again = stored_candidates.read(target.data)
-    assert not candidates.is_cached(again)
+    assert not cached_results.is_cached(again)
     np.testing.assert_array_equal(again.candidates[0].colors, listed.candidates[0].colors)
     assert bpy.ops.zoomout.swap_match_sides() == {"FINISHED"}
     assert error(target, mirrored_vertex) < 0.1
-    assert candidates.is_cached(stored_candidates.read(target.data))
+    assert cached_results.is_cached(stored_candidates.read(target.data))
 
 
 def match_and_cut(source, target):
@@ -140,8 +140,8 @@ def match_and_cut(source, target):
 def test_cutting_seams_keeps_the_list_but_not_cached_results(source, target):
     before = match_and_cut(source, target)
     after = stored_candidates.read(target.data)
-    assert candidates.is_cached(before)
-    assert not candidates.is_cached(after)
+    assert cached_results.is_cached(before)
+    assert not cached_results.is_cached(after)
     for one, other in zip(after.candidates, before.candidates, strict=True):
         np.testing.assert_array_equal(one.colors, other.colors)
 
@@ -187,7 +187,7 @@ def test_the_list_takes_a_few_kilobytes_whatever_the_size_of_the_mesh(source, ta
 def test_results_of_the_last_matches_only_are_cached(source, target):
     for k_final in (40, 50, 60):
         match_objects(bpy.context, source, target, k_final=k_final)
-    assert len(candidates._cache) <= candidates.MAX_CACHED
+    assert len(cached_results._cache) <= cached_results.MAX_CACHED
 
 
 def test_thumbnails_distinguish_the_sides(source, target):

@@ -23,6 +23,7 @@ from scenes import (
 
 import zoomout_core as zo
 from blender_addon import cli
+from blender_addon.cli import command
 from blender_addon.cli.arguments import as_in_sidebar, parse
 from blender_addon.properties.match import MatchOptions
 from blender_addon.properties.transfer import BindChoice, BindOptions, BlendOptions
@@ -210,7 +211,7 @@ def test_a_target_is_dressed(pair, tmp_path, capsys):
 
 
 def test_reasons_why_objects_were_left_out_are_printed():
-    assert cli._lines({"left_out": {"Hat": "'Hat' has no vertices."}, "notes": []}) == ["'Hat' has no vertices."]
+    assert command._lines({"left_out": {"Hat": "'Hat' has no vertices."}, "notes": []}) == ["'Hat' has no vertices."]
 
 
 @pytest.mark.slow

@@ -15,9 +15,11 @@ from scenes import activate, from_pydata, set_weights, snapshot_file, weight_arr
 import zoomout_core as zo
 from blender_addon import api
 from blender_addon.cli import main
-from blender_addon.operators import find_source
 from blender_addon.scene.files import save_scene
-from blender_addon.services.library import Search, append_source, last_pictures, library_folders, read_assets
+from blender_addon.scene.selection import library_folders
+from blender_addon.services import found_pictures
+from blender_addon.services.found_pictures import last_pictures
+from blender_addon.services.library import Search, append_source, read_assets
 from blender_addon.ui import thumbnails
 from blender_addon.ui.panels import library
 from zoomout_core.library.pictures import draw_pair
@@ -79,7 +81,7 @@ def test_found_source_is_shown_in_matching_colours(target, tmp_path, monkeypatch
     settings.found_sources.clear()
     settings.found_sources.add().name = str(path)
     for pictures, count in (((), 1), ((of_source, of_target), 3)):
-        monkeypatch.setattr(library, "last_pictures", {path: pictures})
+        monkeypatch.setattr(found_pictures, "last_pictures", {path: pictures})
         panel = SimpleNamespace(layout=Layout([]))
         library.ZOOMOUT_PT_library.draw(panel, Context())
         assert [kind for kind, *_ in panel.layout.drawn].count("icon") == count
@@ -93,7 +95,7 @@ def test_another_source_of_a_part_limits_transfers_to_its_vertex_groups(target, 
     async def find_at_once(*_):
         return Search(zo.FoundSources((best,), best.path, "", part), {}, {})
 
-    monkeypatch.setattr(find_source, "find_source_async", find_at_once)
+    monkeypatch.setattr("blender_addon.services.library.find_source_async", find_at_once)
     settings.library_folder = str(folder)
     assert bpy.ops.zoomout.find_source() == {"FINISHED"}
     panel = SimpleNamespace(layout=Layout([]))

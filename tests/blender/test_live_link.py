@@ -30,9 +30,10 @@ from blender_addon.mesh_data import (
     write_link,
 )
 from blender_addon.services import live_link as service
-from blender_addon.services.live_link import has_older_match, keep_linked, link_of, update_linked
+from blender_addon.services.live_link import keep_linked, update_linked
 from blender_addon.services.transfer import transfer_objects
 from blender_addon.storage import stored_link
+from blender_addon.storage.stored_link import has_older_match, link_of
 from zoomout_core.transfer import Domain
 from zoomout_core.transfer.picks import Picks
 

@@ -8,7 +8,7 @@ import bpy
 import pytest
 
 import zoomout_core as zo
-from blender_addon import jobs
+from blender_addon import jobs, services
 from blender_addon.operators.base import activity, running_operators
 from blender_addon.operators.base.modal_operator import ModalOperator
 from zoomout_core.runtime.progress import stage
@@ -68,6 +68,7 @@ class Work:
 
 @pytest.fixture
 def window(monkeypatch):
+    jobs.run(services.load())  # else the first slice of work waits for it
     monkeypatch.setattr(
         "blender_addon.operators.base.modal_operator.bpy", SimpleNamespace(app=SimpleNamespace(background=False))
     )

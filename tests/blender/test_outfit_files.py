@@ -81,6 +81,19 @@ def test_an_avatar_in_a_file_is_dressed(avatars, tmp_path, ending):
     assert len(bpy.data.meshes) == 3
 
 
+def test_bodies_are_read_with_their_bones(avatars):
+    outfit, avatar = avatars(".blend")
+    files = BlenderFiles(bpy.context, Dressing())
+    rigged = files.read_rigged(avatar, False)
+    assert list(rigged.bones.names) == list(OTHER_NAMES)
+    assert np.array_equal(rigged.surface.triangles, files.read_body(avatar, False).triangles)
+    np.testing.assert_allclose(rigged.weights.sum(axis=1), 1)
+    low, high = rigged.surface.vertices.min(axis=0), rigged.surface.vertices.max(axis=0)
+    inside = ((rigged.bones.heads > low - 0.1) & (rigged.bones.heads < high + 0.1)).all(axis=1)
+    assert inside.all()
+    assert files.read_rigged(outfit, True).bones.names
+
+
 @pytest.mark.slow
 @pytest.mark.usefixtures("quick_search")
 def test_the_command_resumes_and_writes_the_report(avatars, tmp_path, capsys):

@@ -23,14 +23,13 @@ from blender_addon.scene import mesh_facts
 from blender_addon.services.matching.match import match_objects
 from blender_addon.services.matching.use_candidate import use_candidate_async
 from blender_addon.services.transfer import transfer_objects
-from blender_addon.storage import stored_candidates, stored_match, stored_report, stored_symmetry
+from blender_addon.storage import stored_candidates, stored_link, stored_match, stored_report, stored_symmetry
 from blender_addon.storage.stored_report import transfer_report
 from blender_addon.ui import panels
-from blender_addon.ui.panels import live_link, result, sidebar
+from blender_addon.ui.panels import result, sidebar
 from blender_addon.ui.panels.sidebar import VERDICT_ICONS
 from blender_addon.viewport import preview
-from zoomout_core.matching.report.notes import UNCERTAIN
-from zoomout_core.matching.report.verdict import judge
+from zoomout_core.matching.report.verdict import UNCERTAIN_MAP, judge
 from zoomout_core.messages import message, to_json, warning
 from zoomout_core.runtime.progress import Progress
 
@@ -217,7 +216,7 @@ def test_report_shows_the_icon_of_its_verdict(source, target):
 
 def test_a_note_on_the_certainty_does_not_repeat_the_verdict(source, target):
     transfer_objects(bpy.context, source, target, ["uv_maps"], k_final=30)
-    kept = transfer_report(target) | {"notes": [warning(UNCERTAIN, certainty="60%")]}
+    kept = transfer_report(target) | {"notes": [warning(UNCERTAIN_MAP, certainty="60%")]}
     stored_report.write(target, kept | {"verdict": judge(0.6)._asdict()})
     assert "probability of only 60%" not in texts()
     stored_report.write(target, kept | {"verdict": None})
@@ -251,7 +250,9 @@ def test_match_notes_are_collapsed_with_a_warning_icon(source, target):
         everything = drawn()
         assert (("label", "Notes", True), ("mark", icon, True)) in pairwise(everything)
         assert note not in texts()
-    target.data[stored_match.PROPERTY] = json.dumps(kept | {"notes": to_json([warning(UNCERTAIN, certainty="60%")])})
+    target.data[stored_match.PROPERTY] = json.dumps(
+        kept | {"notes": to_json([warning(UNCERTAIN_MAP, certainty="60%")])}
+    )
     assert "Notes" not in texts()  # the verdict says it
 
 
@@ -268,7 +269,8 @@ def test_layers_that_follow_the_source_are_counted(source, target, monkeypatch):
     """A rig has many vertex groups: a line for each would push the other panels off the screen."""
     match_objects(bpy.context, source, target, k_final=30)
     shares = {"UVMap": 0.9, **{f"bone {number}": 1.0 for number in range(40)}}
-    monkeypatch.setattr(live_link, "link_of", lambda _: {"source": "Source", "layers": shares})
+    entries = stored_match.description(target.data)["entries"]
+    monkeypatch.setattr(stored_link, "link_of", lambda _: {"source": "Source", "layers": shares, "entries": entries})
     lines = [text for kind, text, _ in drawn() if kind == "label" and "follows" in text]
     assert lines == ["40 layers: 100% follows 'Source'", "UVMap: 90% follows 'Source'"]
 

@@ -289,7 +289,7 @@ def test_removed_match_ends_its_preview(source, target):
     bpy.ops.ed.undo_push(message="Matched")
     target.data.attributes.remove(target.data.attributes["zoomout_triangle"])
     bpy.ops.ed.undo_push(message="Removed")
-    previews.follow_undo(bpy.context)
+    previews.follow_undo(bpy.context, preview.current())
     assert preview.current() is None
 
 

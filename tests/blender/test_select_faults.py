@@ -12,8 +12,9 @@ from true_match import keep_true_match
 
 import zoomout_core as zo
 from blender_addon import jobs
+from blender_addon.scene.faults import DOUBTFUL, FLIPPED, WITHOUT_PARTNER
 from blender_addon.scene.pair import read_pair
-from blender_addon.services.matching.select_faults import DOUBTFUL, FLIPPED, WITHOUT_PARTNER, select_faults
+from blender_addon.services.matching.select_faults import select_faults
 from blender_addon.storage import stored_match
 from zoomout_core.geometry.closest_points import closest_points
 

@@ -19,8 +19,7 @@ from blender_addon import translations
 from blender_addon.mesh_data.attributes.marks import SEAMS
 from blender_addon.operators.base import activity, modal_operator
 from blender_addon.services import targets, transfer_report
-from blender_addon.services.symmetry import detect
-from blender_addon.storage import stored_match, stored_report
+from blender_addon.storage import stored_match, stored_report, stored_symmetry
 from blender_addon.translations import in_language
 from blender_addon.ui.panels import sidebar
 from blender_addon.ui.panels.transfer import ZOOMOUT_PT_report
@@ -51,7 +50,7 @@ COMPOSED = {
     message("{layer}: {count:,} edges of the source belong to no face and were left out.", layer=SEAMS, count=3): (
         "Nähte: 3 Kanten der Quelle gehören zu keiner Fläche und wurden ausgelassen."
     ),
-    detect.summary({"name": "Reflection", "certainty": 0.95}): "Spiegelung, 95%",
+    stored_symmetry.summary({"name": "Reflection", "certainty": 0.95}): "Spiegelung, 95%",
     transfer_report.summary(REPORT): (
         "1 Form, 1 Art von Kantenmarkierung übertragen, von 'A' und 1 weiteren auf 'B'; 2 ausgelassen; "
         "3 von 9 Vertices sind zweifelhaft"

@@ -14,9 +14,10 @@ from true_match import keep_true_match
 
 import zoomout_core as zo
 from blender_addon import api, jobs, mesh_data
+from blender_addon.scene.faults import stretched_vertices
 from blender_addon.scene.pair import read_pair
 from blender_addon.services.matching import previews
-from blender_addon.services.matching.select_faults import select_stretched, stretched_vertices
+from blender_addon.services.matching.select_faults import select_stretched
 from blender_addon.storage import stored_match, stored_report
 from blender_addon.viewport import preview
 from zoomout_core.geometry.closest_points import closest_points
@@ -129,7 +130,7 @@ def test_stretched_vertices_are_coloured_and_follow_undo(monkeypatch):
     red = shown.values[:, 0] > shown.values[:, 1] + 0.3
     np.testing.assert_array_equal(red, stretched_vertices(target))
     stored_report.remove(target.data)
-    previews.follow_undo(bpy.context)
+    previews.follow_undo(bpy.context, preview.current())
     assert preview.current() is None
 
 

@@ -261,3 +261,9 @@ def test_candidate_parameter_selects_another_correspondence(pair):
 def test_something_else_than_a_mesh_set_is_refused(name, given):
     with pytest.raises(TypeError, match=r"^The meshes are a \w+: give a pymeshlab.MeshSet\.$"):
         apply_filter(given, name)
+
+
+@pytest.mark.parametrize("name", ["compute_symmetry_by_zoomout", "meshing_remove_duplicate_faces"])
+def test_callback_that_cannot_be_called_is_refused(pair, name):
+    with pytest.raises(TypeError, match=r"^callback is 3: give a function that takes a fraction and a text\.$"):
+        apply_filter(pair, name, callback=3)

@@ -23,7 +23,8 @@ from zoomout_core.assets.gltf.materials import full_look
 from zoomout_core.assets.gltf.read_asset import materials_of
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.transfer.attribute import Attribute, Domain
-from zoomout_core.transfer.blend import Blend, blend
+from zoomout_core.transfer.blend import blend
+from zoomout_core.transfer.blend_settings import Blend
 
 SIMPLE = (
     "Only colors and images of materials were kept, because those of the source or of the target are not from glTF."

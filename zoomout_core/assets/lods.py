@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from copy import copy, deepcopy
 from dataclasses import replace
+from numbers import Real
 from types import SimpleNamespace
 
 import numpy as np
@@ -65,9 +66,9 @@ def make_lods(asset: Asset, ratios: Sequence[float], max_weights: int | None = N
     if not ratios:
         raise MeshError("No levels are given: give shares of the vertices, such as 0.5.")
     for ratio in ratios:
-        if not 0 < ratio < 1 or ratio * len(working.vertices) < MIN_VERTICES:
+        if not isinstance(ratio, Real) or not 0 < ratio < 1 or ratio * len(working.vertices) < MIN_VERTICES:
             raise MeshError(
-                f"A level cannot have {ratio:g} of {len(working.vertices):,} vertices: give shares below 1 that leave "
+                f"A level cannot have {ratio!r} of {len(working.vertices):,} vertices: give shares below 1 that leave "
                 f"{MIN_VERTICES} vertices or more."
             )
     poses = Poses(source)

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,7 +17,7 @@ from zoomout_core.assets.asset import COLOR, MATERIALS, NORMALS, SHAPE_KEYS, UV,
 from zoomout_core.assets.check_rig import check_rig
 from zoomout_core.assets.gltf.move_skin import move_skin
 from zoomout_core.assets.keep_rest import keep_rest
-from zoomout_core.geometry.closest_points import SurfaceSearch
+from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.affine_maps import normalise
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.surface import MeshError, Surface
@@ -25,10 +25,18 @@ from zoomout_core.messages import enumeration, message, plural
 from zoomout_core.runtime.progress import advance, portion, stage
 from zoomout_core.runtime.threads import on_one_blas_thread
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
-from zoomout_core.transfer.blend import Blend, mask_of
+from zoomout_core.transfer.blend import mask_of
+from zoomout_core.transfer.blend_settings import Blend
 from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.rigging.motion import MotionCheck, note_on_motions
-from zoomout_core.transfer.rigging.rest_pose import REST, PosedTarget, align, correct_map, find_pose
+from zoomout_core.transfer.rigging.rest_pose import (
+    PosedTarget,
+    align,
+    correct_by_bones,
+    correct_map,
+    find_pose,
+    is_in_place,
+)
 from zoomout_core.transfer.rigging.rig import note_on_idle_joints
 from zoomout_core.transfer.rigging.skinning import skinning_matrices
 from zoomout_core.transfer.rigging.unpose import Rest, unpose
@@ -38,11 +46,15 @@ from zoomout_core.transfer.rules import Match, map_target, transfer_along
 KINDS = (UV, COLOR, MATERIALS, SHAPE_KEYS, WEIGHTS, NORMALS)
 # Whether to unpose a target that gets a skin: if its pose differs from the source's rest pose, always, or never.
 SHAPES = ("automatic", "rest pose", "keep shape")
-# Share of the target's area within `RestTuning.in_place` of the source above which both have the same pose and place.
-# Then the source's joints take the target to the rest pose. Fingers and hems of a remeshed target are farther away.
-MIN_IN_PLACE_SHARE = 0.9
 # Fractions of the progress at which the pose is found, and attributes are transferred.
 FOUND, TRANSFERRED = 0.2, 0.7
+
+
+@runtime_checkable
+class MatchWithLandmarks(Protocol):
+    """A match that may have exact landmarks, to which it bends corrected maps."""
+
+    def meet_landmarks(self, surface_map: SurfaceMap) -> SurfaceMap: ...
 
 
 class TransferredAsset(NamedTuple):
@@ -53,12 +65,14 @@ class TransferredAsset(NamedTuple):
         received: names of received attributes.
         notes: sentences for the user.
         motions: how each animation differs from the source's, if joints were moved.
+        mapped: the target over the source, with a map that its bones may have corrected; None if nothing was mapped.
     """
 
     asset: Asset
     received: tuple[str, ...]
     notes: tuple[str, ...]
     motions: tuple[MotionCheck, ...] = ()
+    mapped: MappedTarget | None = None
 
 
 @memory_in_words
@@ -121,11 +135,11 @@ def transfer_asset(
     mapped = map_target(match, source.surface, place_all(target.surface), fill_below)
     replaced = {kind_of(each) for each in chosen}
     posed, corrected = None, mapped
-    if skin is not None and part is None and not _stands_as(source.surface, mapped.target):
+    if source.skin is not None:
         with stage("Finding the pose", 0, FOUND):
-            posed = find_pose(mapped, source.surface.with_vertices(skin.rest), skin.weights, skin.parents)
-            corrected = correct_map(mapped, posed, skin.weights)
-    with portion(0.0 if posed is None else FOUND, TRANSFERRED):
+            posed, corrected = _find_pose(mapped, source, source.skin, skin is not None and part is None)
+            corrected = _meet_landmarks(corrected, mapped, match)
+    with portion(0.0 if source.skin is None else FOUND, TRANSFERRED):
         attributes, notes = _transfer_attributes(chosen, replaced, target, corrected)
     asset = replace(target, attributes=attributes, notes=(), stored_map=None)
     if MATERIALS in replaced:
@@ -156,7 +170,7 @@ def transfer_asset(
             motions = check_rig(source, asset, at_rest.surface_map)
             notes += note_on_motions(motions)
     advance(1.0)
-    return TransferredAsset(asset, names, tuple(notes), motions)
+    return TransferredAsset(asset, names, tuple(notes), motions, corrected)
 
 
 def _check_choices(kinds: Collection[str], shape: str) -> None:
@@ -179,6 +193,24 @@ def _check_joints(skins: Sequence[Skin]) -> None:
                 f"The joint {skin.names[flat[0]]} is scaled to nothing in its rest pose, so it cannot be moved: give "
                 "it a size in the program that wrote the file."
             )
+
+
+def _find_pose(mapped: MappedTarget, source: Asset, skin: Skin, binds: bool) -> tuple[PosedTarget | None, MappedTarget]:
+    """The pose of a target if it is bound and not in place, and the target with the map that the bones correct."""
+    rigged = source.surface.with_vertices(skin.rest), skin.weights, skin.parents
+    if not binds:
+        return None, correct_by_bones(mapped, *rigged)
+    if is_in_place(source.surface, mapped.target):
+        return None, mapped
+    posed = find_pose(mapped, *rigged)
+    return posed, correct_map(mapped, posed, skin.weights)
+
+
+def _meet_landmarks(corrected: MappedTarget, mapped: MappedTarget, match: Match) -> MappedTarget:
+    """A target whose corrected map is bent to the exact landmarks of its match, if it has any."""
+    if corrected is mapped or not isinstance(match, MatchWithLandmarks):
+        return corrected
+    return replace(corrected, surface_map=match.meet_landmarks(corrected.surface_map))
 
 
 def _transfer_attributes(
@@ -305,13 +337,3 @@ def skin_weights(skin: Skin, mapped: MappedTarget, limit: int | None = None) -> 
         nearest = cKDTree(places[~without]).query(places)[1]
         weights = csr_array(weights[np.where(without, np.flatnonzero(~without)[nearest], np.arange(len(places)))])
     return normalise(weights)
-
-
-def _stands_as(source: Surface, target: Surface) -> bool:
-    """Whether a target has the pose and place of its source."""
-    search = SurfaceSearch(source.vertices, source.triangles)
-    triangle, barycentric = search.closest(target.vertices)
-    near = np.einsum("nk,nkx->nx", barycentric, source.vertices[source.triangles[triangle]])
-    off = np.linalg.norm(near - target.vertices, axis=1)
-    near_area = target.vertex_areas[off < REST.in_place * np.sqrt(source.area)].sum()
-    return bool(near_area > MIN_IN_PLACE_SHARE * target.area)

@@ -35,8 +35,16 @@ from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.pair import on_surface
 from zoomout_core.matching.pipeline import match
 from zoomout_core.matching.ranking.mirror_image import mirror_candidate
-from zoomout_core.matching.report.notes import select_notes
-from zoomout_core.matching.report.verdict import AMBER, GREEN, LOW_CONFIDENCE, RED, VERDICT, Verdict, check_verdict
+from zoomout_core.matching.report.verdict import (
+    AMBER,
+    GREEN,
+    LOW_CONFIDENCE,
+    RED,
+    VERDICT,
+    Verdict,
+    check_verdict,
+    select_notes,
+)
 from zoomout_core.matching.result import MatchResult
 from zoomout_core.matching.transfer_landmarks import transfer_landmarks
 from zoomout_core.mesh.formats.files import read_shape

@@ -27,7 +27,7 @@ from zoomout_core.matching import option_table
 from zoomout_core.matching.option_table import OPTIONS, Interface, select_options
 from zoomout_core.matching.pipeline import match as match_shapes
 from zoomout_core.matching.proximity import ProximityMatch, match_by_proximity
-from zoomout_core.matching.report.notes import select_notes
+from zoomout_core.matching.report.verdict import select_notes
 from zoomout_core.matching.result import MatchResult
 from zoomout_core.mesh.formats.files import read_shape
 from zoomout_core.mesh.named_parts import NamedParts

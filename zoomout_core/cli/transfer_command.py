@@ -48,8 +48,7 @@ from zoomout_core.command_options import (
 )
 from zoomout_core.map_files import keep_map, save_match
 from zoomout_core.matching.pipeline import match
-from zoomout_core.matching.report.notes import select_notes
-from zoomout_core.matching.report.verdict import check_verdict
+from zoomout_core.matching.report.verdict import check_verdict, select_notes
 from zoomout_core.mesh.formats.blender_files import ENDINGS as OF_BLENDER
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.messages import note_figures, note_lines
@@ -300,7 +299,9 @@ def _run_job(
             made = transfer_asset(source, target, result, choices.kinds, shape, move_rig=choices.move_rig, mask=mask)
         written, named = made.asset, list[str]()
         if choices.keep_map:
-            written = replace(written, stored_map=stored_map_of(result, source.surface, tuple(choices.kinds)))
+            written = replace(
+                written, stored_map=stored_map_of(made.mapped or result, source.surface, tuple(choices.kinds))
+            )
         if choices.key_names:
             written, keys, named = rename_keys(made.asset, choices.key_names)
             report["key_names"] = asdict(keys)

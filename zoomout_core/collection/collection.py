@@ -211,13 +211,19 @@ def _items_of(
 
 
 def _as_files(shapes: Sequence[ShapeLike] | Mapping[str, ShapeLike], folder: Path) -> list[Path]:
-    """Shapes as files; shapes in memory are written to a folder."""
+    """Shapes as files; shapes in memory are written to a folder.
+
+    Raises:
+        MeshError: the name of a shape is not that of a file in a folder.
+    """
     named = shapes if isinstance(shapes, Mapping) else {str(number): shape for number, shape in enumerate(shapes)}
     files = []
     for name, shape in named.items():
         if isinstance(shape, str | PathLike) and not isinstance(shapes, Mapping):
             files.append(Path(shape))
             continue
+        if not isinstance(name, str) or "\\" in name or Path(name).name != name or not name.strip("."):
+            raise MeshError(f"A shape is named {name!r:.60}: its files need a name, without slashes.")
         folder.mkdir(parents=True, exist_ok=True)
         files.append(folder / f"{name}.ply")
         write_shape(as_shape(shape), files[-1])

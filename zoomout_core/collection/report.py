@@ -19,8 +19,7 @@ from zoomout_core.collection.carried import Carried
 from zoomout_core.collection.collection import CollectionResult
 from zoomout_core.collection.cycles import Agreement
 from zoomout_core.collection.pair_map import PairName
-from zoomout_core.matching.report.notes import select_notes
-from zoomout_core.matching.report.verdict import AMBER, GREEN, LEVELS, RED, VERDICT
+from zoomout_core.matching.report.verdict import AMBER, GREEN, LEVELS, RED, VERDICT, select_notes
 from zoomout_core.messages import note_figures, note_lines, probability
 from zoomout_core.runtime.outputs import atomic_write
 

@@ -11,8 +11,7 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
-from scipy.sparse import coo_array, csc_array
-from scipy.spatial import cKDTree
+import scipy
 
 from zoomout_core.arrays import AnyFloats, Floats, Indices, Integers, row_norms, take_rows
 from zoomout_core.runtime.threads import threads
@@ -56,7 +55,7 @@ class SurfaceSearch:
         # Where each vertex's entries begin, and the triangles at the vertices, one vertex after the other.
         m = len(triangles)
         entries = np.ones(3 * m, dtype=np.int8), triangles.ravel(), 3 * np.arange(m + 1)
-        table = csc_array(entries, shape=(len(vertices), m)).tocsr()
+        table = scipy.sparse.csc_array(entries, shape=(len(vertices), m)).tocsr()
         self._at_vertex = table.indptr, table.indices
 
     def closest(self, points: Floats, tolerance: float = 0.0) -> tuple[Integers, Floats]:
@@ -98,17 +97,17 @@ class _Group:
         self.centre, self.radius, self.members = centre, radius, members
 
     @cached_property
-    def tree(self) -> cKDTree:
+    def tree(self) -> scipy.spatial.cKDTree:
         """Search tree of the centres, built on demand: that of the small triangles of large meshes is rarely needed."""
         return search_tree(self.centre)
 
 
-def search_tree(points: Floats) -> cKDTree:
+def search_tree(points: Floats) -> scipy.spatial.cKDTree:
     """An unbalanced k-d tree of points (n, d), which is built in a third of the time and searched equally fast."""
-    return cKDTree(points, balanced_tree=False, compact_nodes=False)
+    return scipy.spatial.cKDTree(points, balanced_tree=False, compact_nodes=False)
 
 
-def query_tree(tree: cKDTree, points: Floats, count: int) -> tuple[Floats, Integers]:
+def query_tree(tree: scipy.spatial.cKDTree, points: Floats, count: int) -> tuple[Floats, Integers]:
     """Distances and numbers (q, count) of the points of a tree nearest to queries (q, d), in threads for many queries.
 
     They are (q,) for a count of one.
@@ -197,10 +196,12 @@ class Neighbourhoods:
     def __init__(self, triangles: Integers, n: int, edges: int = 1) -> None:
         m = len(triangles)
         ones, number = np.ones(3 * m, bool), np.repeat(np.arange(m), 3)
-        at_vertex = coo_array((ones, (triangles.ravel(), number)), shape=(n, m)).tocsr()
+        at_vertex = scipy.sparse.coo_array((ones, (triangles.ravel(), number)), shape=(n, m)).tocsr()
         passed = at_vertex
         if (is_hub := np.diff(at_vertex.indptr) > HUB).any():
-            passed = coo_array((~is_hub[triangles].ravel(), (triangles.ravel(), number)), shape=(n, m)).tocsr()
+            passed = scipy.sparse.coo_array(
+                (~is_hub[triangles].ravel(), (triangles.ravel(), number)), shape=(n, m)
+            ).tocsr()
             passed.eliminate_zeros()
         near = at_vertex
         for _ in range(edges):

@@ -10,6 +10,7 @@ from os import PathLike
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from zoomout_core.arrays import check_counts
 from zoomout_core.assets.files import MESHES, inputs_of
 from zoomout_core.collection.shapes import content_key
 from zoomout_core.library.bodies import bodies_of
@@ -136,7 +137,7 @@ class Library:
 
         Raises:
             MeshError: the library is not prepared, or the target cannot be analysed.
-            ValueError: `compare` is not positive.
+            ValueError: `compare` is not a positive whole number.
         """
         return find_source(target, (self,), compare, progress=progress)
 
@@ -232,7 +233,8 @@ def find_source(
 
     Raises:
         MeshError: a library is not prepared, or the target cannot be analysed.
-        ValueError: `compare` is not positive.
+        ValueError: `compare` is not a positive whole number.
+        TypeError: the libraries are not a list of them.
 
     Example:
         >>> notes = zo.write_asset(zo.Asset(source), folder / "hero.ply")
@@ -241,8 +243,10 @@ def find_source(
         >>> zo.find_source(target, [library]).nearest.name
         'hero.ply'
     """
-    if compare is not None and compare < 1:
-        raise ValueError(f"compare is {compare}: give a number of assets of at least 1.")
+    if compare is not None:
+        check_counts(compare=compare)
+    if not (isinstance(libraries, Sequence) and all(isinstance(each, Library) for each in libraries)):
+        raise TypeError(f"The libraries are {libraries!r:.60}: give a list, such as [zo.Library('characters')].")
     assets = prepared_assets(libraries)
     with listening(progress):
         return search(as_surface(target), assets, compare)

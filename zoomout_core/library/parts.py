@@ -20,7 +20,7 @@ from zoomout_core.assets.asset import Asset
 from zoomout_core.assets.files import GLTF, read_asset
 from zoomout_core.assets.part_names import joints_below
 from zoomout_core.geometry.closest_points import SurfaceSearch
-from zoomout_core.geometry.procrustes import procrustes
+from zoomout_core.geometry.procrustes import Similarities, procrustes
 from zoomout_core.matching.result import MatchResult
 from zoomout_core.messages import Message, message
 from zoomout_core.transfer.rigging.poses import parents_first
@@ -158,13 +158,35 @@ def _errors(match: MatchResult, vertices: Floats, areas: Floats, piece: Integers
     images = match.surface_map.interpolate(match.source.vertices)[near]
     search = SurfaceSearch(match.source.vertices, match.source.triangles)
     size = float(np.sqrt(match.source.area / match.target.area))
-    found = np.zeros(len(vertices))
-    for each in np.unique(piece):
-        own, onto, weights = (values[piece == each] for values in (vertices, images, areas))
-        motion = procrustes(own, onto, weights, scales=(size / MAX_SCALE, size * MAX_SCALE))
-        for _ in range(ROUNDS):
-            triangle, barycentric = search.closest(motion(own))
-            onto = np.einsum("nk,nkx->nx", barycentric, match.source.vertices[match.source.triangles[triangle]])
-            motion = procrustes(own, onto, weights, scales=(motion.scale, motion.scale))
-        found[piece == each] = ((motion(own) - onto) ** 2).sum(axis=1) / motion.scale**2
-    return found / match.target.area
+    members = [np.flatnonzero(piece == each) for each in np.unique(piece)]
+    scales = [(size / MAX_SCALE, size * MAX_SCALE)] * len(members)
+    onto = images
+    # One search for all pieces in each round: a search for few points takes about as long as one for thousands.
+    for _ in range(ROUNDS):
+        motions = _place(members, vertices, onto, areas, scales)
+        scales = [(float(motion.scale), float(motion.scale)) for motion in motions]
+        triangle, barycentric = search.closest(_move(members, vertices, motions))
+        onto = np.einsum("nk,nkx->nx", barycentric, match.source.vertices[match.source.triangles[triangle]])
+    motions = _place(members, vertices, onto, areas, scales)
+    found = ((_move(members, vertices, motions) - onto) ** 2).sum(axis=1)
+    for own, motion in zip(members, motions, strict=True):
+        found[own] /= motion.scale**2
+    return np.asarray(found / match.target.area)
+
+
+def _place(
+    members: Sequence[Integers], vertices: Floats, onto: Floats, areas: Floats, scales: Sequence[tuple[float, float]]
+) -> list[Similarities]:
+    """The similarity, with a scale within limits, that places the vertices of each piece best."""
+    return [
+        procrustes(vertices[own], onto[own], areas[own], scales=limits)
+        for own, limits in zip(members, scales, strict=True)
+    ]
+
+
+def _move(members: Sequence[Integers], vertices: Floats, motions: Sequence[Similarities]) -> Floats:
+    """(n, 3) vertices, each moved by the similarity of its piece."""
+    moved = np.empty_like(vertices)
+    for own, motion in zip(members, motions, strict=True):
+        moved[own] = motion(vertices[own])
+    return moved

@@ -11,8 +11,7 @@ from zoomout_core.collection.picture_page import picture_card, picture_page
 from zoomout_core.collection.report import PAGE, REPORT
 from zoomout_core.library.find_all import FoundForAll
 from zoomout_core.library.target_records import TargetRecord, place_of_picture
-from zoomout_core.matching.report.notes import select_notes
-from zoomout_core.matching.report.verdict import LEVELS
+from zoomout_core.matching.report.verdict import LEVELS, select_notes
 from zoomout_core.messages import note_figures, note_lines
 from zoomout_core.runtime.outputs import atomic_write
 

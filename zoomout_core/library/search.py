@@ -55,6 +55,9 @@ class SearchTuning(Tuning, set_by="library"):
     """The number of assets to match, and the conditions for a fit."""
 
     matched: int = tuned(4, "assets", 1, 1000)  # maximum number of assets that are matched
+    # The same if a target was searched for as a part before, and is not nearly a whole. With four, a chair and a vase
+    # take 23 and 21 s.
+    matched_after: int = tuned(2, "assets", 1, 1000)
     beyond: float = tuned(2.5, "1", 1, 100)  # maximum difference of matched assets, relative to that of the nearest
     max_difference: float = tuned(4.0, "1", 0, 1000)  # assets with a larger one are refused without a match
     max_distance: float = tuned(0.165, "1", 0, 10)  # of an asset that fits, see `FoundSource.distance`
@@ -151,7 +154,7 @@ class FoundSources(Summary):
 
     @property
     def note(self) -> str:
-        """What is special about the best source: that the target is only a part of it; else empty."""
+        """A note that the target is only a part of the best source, else empty."""
         best = self.best
         return message(IS_PART, name=best.name) if best is not None and best.is_part else ""
 
@@ -177,15 +180,17 @@ def search(target: Surface, assets: Sequence[LibraryAsset], compare: int | None 
         return FoundSources((), None, message(NO_ASSETS))
     with portion(0.0, 0.2):
         bodies = bodies_of(target)
-    is_open = may_be_part(bodies)
+    is_open, matched = may_be_part(bodies), SEARCH.matched
     if is_open:
         with portion(0.2, 0.5):
             wholes = _search_wholes(bodies[MAIN_PART], assets, compare)
+        if wholes and wholes[0].fits:
+            return FoundSources(wholes, wholes[0].path, "")
         if wholes is not None:
-            return wholes
+            matched = SEARCH.matched_after
     begin = 0.5 if is_open else 0.2
     compared = [_compare(asset, bodies) for asset in assets]
-    closest = _closest(compared, compare or SEARCH.matched)
+    closest = _closest(compared, compare or matched)
     nearest = closest[0]
     limit = SEARCH.max_difference
     if compare is None:
@@ -205,13 +210,14 @@ def search(target: Surface, assets: Sequence[LibraryAsset], compare: int | None 
     return FoundSources(ranked, nearest_path, refusal, find_part(ranked))
 
 
-def _search_wholes(part: Body, assets: Sequence[LibraryAsset], count: int | None) -> FoundSources | None:
-    """The assets of which a body is a part; None if its place on none is certain."""
+def _search_wholes(part: Body, assets: Sequence[LibraryAsset], count: int | None) -> tuple[FoundSource, ...] | None:
+    """The assets of which a body may be a part, the most certain first; None if it is nearly a whole."""
     found = find_wholes(part, assets, count)
-    ranked = tuple(
+    if found is None:
+        return None
+    return tuple(
         FoundSource(each.path, each.difference, each.certainty, each.misfit, each.match, is_part=True) for each in found
     )
-    return FoundSources(ranked, ranked[0].path, "") if ranked and ranked[0].fits else None
 
 
 @dataclass(frozen=True, eq=False)

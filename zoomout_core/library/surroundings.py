@@ -9,6 +9,7 @@ rotation. Radii form a geometric series, so that another scale of the part is a 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -92,6 +93,17 @@ class PartSurroundings:
         part = IncompleteShape(shape)
         known = (_radii() < part.cut_distance[:, None]).astype(np.float32)
         return cls(surroundings_of(shape), known, part.areas)
+
+    @cached_property
+    def variation(self) -> float:
+        """The mean difference of all places from their mean; 0 for a sphere, which fits any round place."""
+        features, known = self.features[:, SURROUNDINGS.first :], self.known[:, SURROUNDINGS.first :]
+        weights = self.areas[:, None] * known
+        if not weights.any():
+            return 0.0
+        mean = np.einsum("dr,drf->rf", weights, features) / np.maximum(weights.sum(axis=0), 1e-9)[:, None]
+        difference = np.minimum(np.abs(features - mean).sum(axis=-1), SURROUNDINGS.largest)
+        return float(np.average(difference, weights=weights))
 
     def compare(self, whole: SingleFloats) -> PartDifference:
         """Compare them with those of a whole (e, r, 4): each place with the most similar one, at the best scale."""

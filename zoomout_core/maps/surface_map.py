@@ -10,8 +10,8 @@ from os.path import isfile
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.sparse import csr_array
 
 from zoomout_core.arrays import AnyFloats, Booleans, Floats, Integers, fill_masked, take_rows
 from zoomout_core.geometry.closest_points import closest_points
@@ -103,7 +103,11 @@ class SurfaceMap(Summary):
         """The map at points (q, 3) in the target's triangles (q,), such as corners or samples inside its faces.
 
         The images of the corners are mixed in space, and the mixture is projected to the source.
+
+        Raises:
+            ValueError: these are not numbers of the target's triangles.
         """
+        triangle = vertex_numbers(triangle, len(target.triangles), "Triangles of the target", "triangle")
         images = self.interpolate(source.vertices)[target.triangles[triangle]]
         points = np.einsum("qc,qcx->qx", barycentric, images)
         return SurfaceMap(*closest_points(points, source.vertices, self.source_triangles), self.source_triangles)
@@ -234,13 +238,13 @@ def fault_of_map(triangle: Integers, barycentric: Floats, count: int) -> str:
     return ""
 
 
-def interpolation_matrix(corners: Integers, barycentric: AnyFloats, n: int) -> csr_array:
+def interpolation_matrix(corners: Integers, barycentric: AnyFloats, n: int) -> scipy.sparse.csr_array:
     """(q, n) matrix that interpolates values at n vertices to points, by corners (q, 3) and barycentric coordinates.
 
     Its products need no array of the values at all corners.
     """
     begins = np.arange(0, 3 * len(corners) + 1, 3)
-    return csr_array((barycentric.ravel(), corners.ravel(), begins), shape=(len(corners), n))
+    return scipy.sparse.csr_array((barycentric.ravel(), corners.ravel(), begins), shape=(len(corners), n))
 
 
 def folded_triangles(images: Floats, normals: Floats, triangles: Integers) -> Booleans:

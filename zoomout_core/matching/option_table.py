@@ -12,8 +12,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Any
 
-from zoomout_core.matching.options import PARTIAL
-from zoomout_core.matching.proximity import MAX_ANGLE, MAX_DISTANCE
+from zoomout_core.matching.options import MAX_ANGLE, MAX_DISTANCE, PARTIAL
 
 
 class Interface(Enum):

@@ -6,16 +6,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import permutations
+from typing import TYPE_CHECKING
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Floats, Integers, to_array
 from zoomout_core.geometry.closest_points import closest_points
-from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 from zoomout_core.mesh.surface import LARGEST_COORDINATE, MeshError, Surface, measurable, vertex_numbers
 from zoomout_core.messages import as_message, message
+
+if TYPE_CHECKING:
+    from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 
 REPEATED = "Landmark {number} is the same pair as landmark {original}: it counts once."
 # Distance, at unit area, up to which a landmark is at the nearest vertex: rounding in single precision. No closest
@@ -155,7 +158,7 @@ def _on_part(role: str, surface: Surface, shape: ShapeAnalysis, given: ArrayLike
         fault = message("at vertex {vertex}, is not on its main part: move it.", vertex=corners[astray[0], 0])
         raise LandmarkError(role, int(astray[0]), fault)
     places = np.einsum("mc,mcx->mx", barycentric, shape.proxy.full.vertices[on_part])
-    return np.asarray(cKDTree(shape.proxy.vertices).query(places)[1])
+    return np.asarray(scipy.spatial.cKDTree(shape.proxy.vertices).query(places)[1])
 
 
 def _prefer_main_part(

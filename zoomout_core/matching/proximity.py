@@ -15,18 +15,13 @@ import numpy as np
 from zoomout_core.arrays import Booleans, Floats, segment_sum
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.matching.options import MAX_ANGLE, MAX_DISTANCE
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.shapes import ShapeLike, as_surface
 from zoomout_core.mesh.surface import MeshError, Surface, measurable
 from zoomout_core.mesh.triangles import border_edges, unit_vectors, vertex_areas
 from zoomout_core.messages import message
 from zoomout_core.runtime.progress import stage
-
-# Defaults of the public signature: over the square root of the source's area, and in degrees. The paper has a
-# twentieth of the bounding box's diagonal, which is about this for a human figure, and the same angle. On clothes 0.005
-# to 0.04 above a body, all distances that reach them were as good, and wider angles worse.
-MAX_DISTANCE = 0.08
-MAX_ANGLE = 30.0
 
 # Notes on vertices without a partner.
 TOO_FAR = "{count:,} of {total:,} vertices have no partner on the source: the nearest point is too far away."

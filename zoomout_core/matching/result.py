@@ -220,6 +220,10 @@ class MatchResult(Summary):
             raise ValueError(f"There is no candidate {candidate!r}: they are numbered 0 to {len(self.candidates) - 1}.")
         return replace(make_result(self.pair, self.candidates, candidate), names=self.names)
 
+    def meet_landmarks(self, surface_map: SurfaceMap) -> SurfaceMap:
+        """Bend a map that was corrected later to the exact landmarks, if the match has any."""
+        return meet_exact_landmarks(surface_map, self.pair)
+
     def save(self, path: str | PathLike[str]) -> None:
         """Write the whole result, other candidates included, to an .npz file that `load_result` reads.
 
@@ -231,6 +235,12 @@ class MatchResult(Summary):
             >>> again = zo.load_result(folder / "result.npz")
         """
         save_object(path, self, STORED)
+
+
+def check_result(result: object) -> None:
+    """Raise a TypeError unless a user's result is one of `match`."""
+    if not isinstance(result, MatchResult):
+        raise TypeError(f"A result of `match` is needed, not a {type(result).__name__}.")
 
 
 def outline(pair: Pair, sample_map: Integers) -> tuple[Integers, Integers]:

@@ -21,7 +21,7 @@ from zoomout_core.matching.registration.smooth_warp import (
     outward_normals,
     warp,
 )
-from zoomout_core.matching.result import MatchResult
+from zoomout_core.matching.result import MatchResult, check_result
 from zoomout_core.mesh.surface import vertex_numbers
 from zoomout_core.mesh.triangles import area_normals, unit_vectors
 from zoomout_core.mesh.working_mesh import WorkingMesh
@@ -95,7 +95,8 @@ def transfer_landmarks(result: MatchResult, points: ArrayLike) -> TransferredLan
         points: (q, 3) points on or near the source's surface, in its frame and unit; or (q,) numbers of its vertices.
 
     Raises:
-        ValueError: these are neither.
+        TypeError: it is no result of `match`.
+        ValueError: the points are neither.
         LandmarkError: a point is not near the source's surface.
 
     Example:
@@ -103,6 +104,7 @@ def transfer_landmarks(result: MatchResult, points: ArrayLike) -> TransferredLan
         >>> found.points.shape, found.confidence.shape
         ((2, 3), (2,))
     """
+    check_result(result)
     given = np.atleast_1d(np.asarray(points))
     if given.ndim == 1:
         given = result.source.vertices[vertex_numbers(given, len(result.source.vertices), "Landmarks on the source")]

@@ -11,9 +11,7 @@ along the tree of the smallest turns (Hoppe et al., Surface reconstruction from 
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
-from scipy.spatial import cKDTree
+import scipy
 
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.mesh.triangles import area_normals, components, triangle_areas, unique_edges, unit_vectors
@@ -47,7 +45,7 @@ def triangulate_points(points: Floats, normals: Floats | None = None) -> Integer
         return np.zeros((0, 3), dtype=np.int64)
     points = points[first]
     count = min(NEIGHBOURS, len(points) - 1)
-    distance, near = (np.asarray(array) for array in cKDTree(points).query(points, count + 1))
+    distance, near = (np.asarray(array) for array in scipy.spatial.cKDTree(points).query(points, count + 1))
     facing = _plane_normals(points, near) if normals is None else normals[first]
     either = normals is None
     blocks = np.array_split(np.arange(len(points)), 1 + len(points) // BLOCK)
@@ -140,13 +138,13 @@ def _senses(normals: Floats, triangles: Integers) -> Floats:
     turn = 1 - np.abs(np.einsum("ex,ex->e", normals[edges[:, 0]], normals[edges[:, 1]]))
     # Add a little, because a sparse matrix drops edges of zero turn. Indices have 4 bytes, because scipy 1.15, the last
     # version for Python 3.10, takes no others.
-    graph = coo_array((turn + 1e-3, edges.T.astype(np.int32)), shape=(n, n)).tocsr()
-    tree = minimum_spanning_tree(graph)
+    graph = scipy.sparse.coo_array((turn + 1e-3, edges.T.astype(np.int32)), shape=(n, n)).tocsr()
+    tree = scipy.sparse.csgraph.minimum_spanning_tree(graph)
     tree = tree + tree.T
     parent = np.arange(n)
-    _, component = connected_components(tree, directed=False)
+    _, component = scipy.sparse.csgraph.connected_components(tree, directed=False)
     for root in np.unique(component, return_index=True)[1]:
-        order, before = breadth_first_order(tree, root, directed=False)
+        order, before = scipy.sparse.csgraph.breadth_first_order(tree, root, directed=False)
         parent[order[1:]] = before[order[1:]]
     sense = np.where(np.einsum("nx,nx->n", normals, normals[parent]) < 0, -1.0, 1.0)
     while not np.array_equal(parent, parent[parent]):

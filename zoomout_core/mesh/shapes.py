@@ -6,8 +6,8 @@ from __future__ import annotations
 from os import PathLike
 from typing import TypeAlias
 
+import scipy
 from numpy.typing import ArrayLike
-from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Floats
 from zoomout_core.mesh.formats.files import read_shape
@@ -69,5 +69,5 @@ def from_working(shape: Surface | PointCloud, values: Floats) -> Floats:
     found = values[vertex_of]
     found[unused] = 0
     if isinstance(shape, PointCloud):
-        found[unused] = found[~unused][cKDTree(shape.points[~unused]).query(shape.points[unused])[1]]
+        found[unused] = found[~unused][scipy.spatial.cKDTree(shape.points[~unused]).query(shape.points[unused])[1]]
     return found

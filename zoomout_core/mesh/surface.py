@@ -320,8 +320,8 @@ def single_precision_step(positions: ArrayLike) -> float:
 # --- checks of the user's arrays ------------------------------------------------------------------------------
 
 
-def vertex_numbers(numbers: ArrayLike, count: int, what: str) -> Integers:
-    """Check a user's vertex numbers (m,), from 0 to below a count; integral floats are accepted.
+def vertex_numbers(numbers: ArrayLike, count: int, what: str, element: str = "vertex") -> Integers:
+    """Check a user's numbers (m,) of vertices, or triangles, from 0 to below a count; integral floats are accepted.
 
     Raises:
         ValueError: `what` they are begins the message, which names the first invalid one.
@@ -329,11 +329,12 @@ def vertex_numbers(numbers: ArrayLike, count: int, what: str) -> Integers:
     array = to_array(numbers, what)
     if array.ndim != 1 or array.dtype.kind not in "iuf":
         raise ValueError(
-            f"{what} must be a list of numbers of its {count} vertices, not {array.dtype} of shape {array.shape}."
+            f"{what} must be a list of {element} numbers from 0 to {count - 1}, not {array.dtype} of shape "
+            f"{array.shape}."
         )
     wrong = array[~((array >= 0) & (array < count) & (array == np.floor(array)))]  # also finds NaN
     if len(wrong):
-        raise ValueError(f"{what} must be vertex numbers from 0 to {count - 1}, but {wrong[0]} is not.")
+        raise ValueError(f"{what} must be {element} numbers from 0 to {count - 1}, but {wrong[0]} is not.")
     return array.astype(np.int64)
 
 

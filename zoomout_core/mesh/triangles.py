@@ -7,8 +7,7 @@ from functools import reduce
 from typing import NamedTuple
 
 import numpy as np
-from scipy.sparse import coo_array, csc_array, csr_array
-from scipy.sparse.csgraph import connected_components
+import scipy
 
 from zoomout_core.arrays import Booleans, Floats, Indices, Integers, row_norms, segment_sum, take_rows
 
@@ -93,8 +92,8 @@ def sides_by_edge(triangles: Integers) -> Sides:
     low, high = _ends(triangles)
     n = int(high.max(initial=-1)) + 1
     one_each = np.ones(len(low), dtype=np.int8), low, np.arange(len(low) + 1)
-    by_low = csc_array(one_each, shape=(n, len(low))).tocsr()
-    table = csr_array((by_low.indices, high[by_low.indices], by_low.indptr), shape=(n, n))
+    by_low = scipy.sparse.csc_array(one_each, shape=(n, len(low))).tocsr()
+    table = scipy.sparse.csr_array((by_low.indices, high[by_low.indices], by_low.indptr), shape=(n, n))
     table.sort_indices()
     side = table.data
     begins = np.ones(len(side), dtype=bool)
@@ -102,12 +101,14 @@ def sides_by_edge(triangles: Integers) -> Sides:
     return Sides(side, np.append(np.flatnonzero(begins), len(side)))
 
 
-def edge_graph(vertices: Floats, triangles: Integers) -> csr_array:
+def edge_graph(vertices: Floats, triangles: Integers) -> scipy.sparse.csr_array:
     """(n, n) graph of a triangle mesh's edges, weighted by their lengths; symmetric."""
     edges, _ = unique_edges(triangles)
     length = edge_lengths(vertices, edges)
     rows, columns = np.concatenate([edges, edges[:, ::-1]]).T
-    return csr_array((np.concatenate([length, length]), (rows, columns)), shape=(len(vertices), len(vertices)))
+    return scipy.sparse.csr_array(
+        (np.concatenate([length, length]), (rows, columns)), shape=(len(vertices), len(vertices))
+    )
 
 
 def edge_lengths(points: Floats, edges: Integers) -> Floats:
@@ -118,9 +119,9 @@ def edge_lengths(points: Floats, edges: Integers) -> Floats:
 def components(pairs: Integers, n: int) -> Indices:
     """(n,) the number of each vertex's connected component, from connected pairs (e, 2)."""
     # Other types of values and numbers would be converted.
-    graph = coo_array((np.ones(len(pairs)), np.ascontiguousarray(pairs.T, dtype=np.int32)), shape=(n, n))
+    graph = scipy.sparse.coo_array((np.ones(len(pairs)), np.ascontiguousarray(pairs.T, dtype=np.int32)), shape=(n, n))
     graph.has_canonical_format = True  # or pairs would be sorted and repeated ones added up, in as much time again
-    return np.asarray(connected_components(graph, directed=False)[1])
+    return np.asarray(scipy.sparse.csgraph.connected_components(graph, directed=False)[1])
 
 
 def area_normals(vertices: Floats, triangles: Integers) -> Floats:

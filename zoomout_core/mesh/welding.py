@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy
 
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.mesh.triangles import Sides, components
@@ -109,7 +109,7 @@ def _clusters(points: Floats, cell: Integers, tolerance: float) -> Integers:
     apart = (points != points[begin[group]]).any(axis=1)
     crowded = np.bincount(group, apart) > CROWDED
     chosen = np.concatenate([begin, np.flatnonzero(apart & ~crowded[group])])
-    pairs = group[chosen[cKDTree(points[chosen]).query_pairs(tolerance, output_type="ndarray")]]
+    pairs = group[chosen[scipy.spatial.cKDTree(points[chosen]).query_pairs(tolerance, output_type="ndarray")]]
     return _first_of(components(pairs, len(begin))[group])
 
 

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
@@ -18,21 +18,30 @@ from zoomout_core.collection.shapes import content_key
 from zoomout_core.collection.tasks import place_of_map
 from zoomout_core.drawing import encode_png
 from zoomout_core.matching.options import MatchOptions
-from zoomout_core.matching.report.verdict import Verdict, check_verdict, worst
+from zoomout_core.matching.report.verdict import AMBER, GREEN, Verdict, check_verdict, worst
 from zoomout_core.mesh.formats.files import write_shape
 from zoomout_core.mesh.formats.opening import existing, file_bytes
 from zoomout_core.mesh.surface import MeshError, Surface
-from zoomout_core.messages import from_json, to_json
+from zoomout_core.messages import from_json, message, to_json
 from zoomout_core.outfits.check import CheckedOutfit
 from zoomout_core.outfits.pictures import draw_outfit
 from zoomout_core.runtime.outputs import atomic_write, check_no_input, is_same_file, write_whole
 from zoomout_core.runtime.progress import portion
 from zoomout_core.runtime.version import package_version
+from zoomout_core.transfer.rigging.joint_map import RiggedBody, SharedJoints
 
 # Folders of the results: bodies, bodies in the shapes of others, dressed avatars, pictures, and records of these.
 BODIES, FITS, DRESSED, PICTURES, RECORDS = "bodies", "fits", "dressed", "pictures", "records"
+# Folder of the maps of bodies that were matched by their joints, and of their fits.
+BY_JOINTS = "by_joints"
 # Fraction of the progress at the end of matching.
 MATCHED = 0.4
+
+MATCHED_BY_JOINTS = (
+    "The bodies were matched by their joints, because the match of their shapes sends {share:.0%} of the avatar to "
+    "other limbs."
+)
+LOOK_FOR_SLIDES = "Look at the pictures: clothes may have slid along limbs."
 
 
 class DressedFile(NamedTuple):
@@ -59,6 +68,14 @@ class AvatarFiles(Protocol):
 
         Raises:
             MeshError: the file cannot be read, or its body and clothes cannot be distinguished.
+        """
+        ...
+
+    def read_rigged(self, path: Path, wears: bool) -> RiggedBody | None:
+        """Read the same body with its bones; None without any.
+
+        Raises:
+            MeshError: as for `read_body`.
         """
         ...
 
@@ -164,6 +181,7 @@ def dress_all(
     """
     engine = InThisProcess() if engine is None else engine
     names, failures = _names([*outfits, *avatars]), dict[str, str]()
+    earlier = set((folder / BODIES).glob("*"))
     bodies = _write_bodies(outfits, avatars, names, folder, files, failures)
     wanted = [
         (outfit, avatar)
@@ -172,19 +190,22 @@ def dress_all(
         if names[outfit] in bodies and names[avatar] in bodies and not is_same_file(outfit, avatar)
     ]
     if not wanted:
+        _remove_bodies(folder / BODIES, earlier)
         reasons = " ".join(dict.fromkeys(failures.values()))
         raise MeshError(reasons or "Every outfit is that of the only avatar: give other outfits or avatars.")
     with portion(0, MATCHED):
         matches = _match_bodies(wanted, names, bodies, folder, options, cache, engine)
+        by_joints = _match_by_joints(wanted, names, bodies, folder, files, matches)
     tasks, pairs = [], dict[str, OutfitName]()
     for outfit, avatar in wanted:
         name = OutfitName(names[outfit], names[avatar])
-        of_bodies = bodies[name.outfit].stem, bodies[name.avatar].stem
-        verdict = _verdict(matches, of_bodies)
+        pair = PairName(bodies[name.outfit].stem, bodies[name.avatar].stem)
+        place, verdict = by_joints.get(pair, (folder / place_of_map(pair), _verdict(matches, pair)))
         if isinstance(verdict, str):
             failures[str(name)] = verdict
             continue
-        arguments = outfit.absolute(), avatar.absolute(), name, of_bodies, folder.absolute(), files, verdict
+        paths = outfit.absolute(), avatar.absolute(), place.absolute(), folder.absolute()
+        arguments = *paths, name, files, verdict
         tasks.append(Task(str(name), dress_file, arguments))
         pairs[str(name)] = name
     worn, dressed = dict[OutfitName, Worn](), 0
@@ -220,7 +241,6 @@ def _write_bodies(
 ) -> dict[str, Path]:
     """Write the body of each file; outfits or avatars with the same body share its file."""
     place = folder / BODIES
-    place.mkdir(parents=True, exist_ok=True)
     found, known = dict[str, Path](), dict[tuple[bool, bytes], Path]()
     wearing = set(outfits)
     for path in dict.fromkeys([*outfits, *avatars]):
@@ -230,6 +250,7 @@ def _write_bodies(
             failures[names[path]] = str(error)
             continue
         made = place / f"{names[path]}.ply"
+        place.mkdir(parents=True, exist_ok=True)
         with atomic_write(made) as part:
             write_shape(body, part)
         first = known.setdefault((path in wearing, made.read_bytes()), made)
@@ -237,6 +258,14 @@ def _write_bodies(
             made.unlink()
         found[names[path]] = first
     return found
+
+
+def _remove_bodies(place: Path, kept: Collection[Path]) -> None:
+    """Remove the files of bodies that are not kept, and the folder if it is empty then."""
+    for path in set(place.glob("*")).difference(kept):
+        path.unlink()
+    if not kept and place.exists():
+        place.rmdir()
 
 
 def _match_bodies(
@@ -254,21 +283,53 @@ def _match_bodies(
     return match_collection(files, folder, pairs=pairs, options=options, engine=engine, cache=cache, agree=False)
 
 
-def _verdict(matches: CollectionResult, bodies: tuple[str, str]) -> Verdict | str:
+def _match_by_joints(
+    wanted: Sequence[tuple[Path, Path]],
+    names: Mapping[Path, str],
+    bodies: Mapping[str, Path],
+    folder: Path,
+    files: AvatarFiles,
+    matches: CollectionResult,
+) -> dict[PairName, tuple[Path, Verdict]]:
+    """Match bodies by the joints of their rigs where the match of their shapes is uncertain and confuses limbs.
+
+    Returns:
+        For each of these pairs the file of the map, and the verdict on it.
+    """
+    found = dict[PairName, tuple[Path, Verdict]]()
+    seen = set[PairName]()
+    for outfit, avatar in wanted:
+        pair = PairName(bodies[names[outfit]].stem, bodies[names[avatar]].stem)
+        if pair in seen or pair not in matches.records or matches.verdict(pair).level == GREEN:
+            continue
+        seen.add(pair)
+        source, target = files.read_rigged(outfit, True), files.read_rigged(avatar, False)
+        joints = None if source is None or target is None else SharedJoints.of(source, target)
+        matched = matches.surface_map(*pair)
+        if joints is None or not joints.contradict(matched):
+            continue
+        place = folder / BY_JOINTS / place_of_map(pair)
+        place.parent.mkdir(parents=True, exist_ok=True)
+        joints.map().save(place)
+        sentence = message(MATCHED_BY_JOINTS, share=joints.share_on_other_limbs(matched))
+        found[pair] = place, Verdict(AMBER, sentence, LOOK_FOR_SLIDES)
+    return found
+
+
+def _verdict(matches: CollectionResult, bodies: PairName) -> Verdict | str:
     """The verdict on the match of two bodies, or the reason why there is no match."""
-    pair = next((each for each in matches.records if tuple(each) == bodies), None)
-    if pair is not None:
-        return matches.verdict(pair)
-    names = (" to ".join(bodies), *bodies)
+    if bodies in matches.records:
+        return matches.verdict(bodies)
+    names = (str(bodies), *bodies)
     return next((matches.failures[name] for name in names if name in matches.failures), "The bodies were not matched.")
 
 
 def dress_file(
     outfit: Path,
     avatar: Path,
-    name: OutfitName,
-    bodies: tuple[str, str],
+    map_file: Path,
     folder: Path,
+    name: OutfitName,
     files: AvatarFiles,
     verdict: Verdict,
 ) -> tuple[Worn, bool]:
@@ -277,9 +338,9 @@ def dress_file(
     Args:
         outfit: the file of a dressed avatar.
         avatar: the file of the avatar to dress.
-        name: names of both.
-        bodies: names of their bodies.
+        map_file: the map of their bodies.
         folder: folder of the results.
+        name: names of both.
         files: their format, and options of the fit.
         verdict: the verdict on the match of the bodies.
 
@@ -287,7 +348,6 @@ def dress_file(
         MeshError: a file cannot be read or written, or the match is probably wrong.
     """
     check_verdict(verdict, files.force)
-    map_file = folder / place_of_map(PairName(*bodies))
     contents = [content_key(file_bytes(existing(path))) for path in (outfit, avatar, map_file)]
     key = content_key(repr((contents, files, package_version())).encode())
     output = Path(DRESSED) / name.avatar / f"{name.outfit}{files.ending(avatar)}"

@@ -16,6 +16,7 @@ from zoomout_core.mesh.formats.folders import meshes_of_all
 from zoomout_core.mesh.surface import MeshError
 from zoomout_core.outfits.batch import (
     BODIES,
+    BY_JOINTS,
     DRESSED,
     FITS,
     PICTURES,
@@ -31,7 +32,7 @@ from zoomout_core.translations import language_of
 # Folder in the results that is deleted at the end.
 CACHE = "cache"
 # Places in the results that a run replaces.
-REPLACED = REPORT, PAGE, MAPS, SHAPES, BODIES, FITS, DRESSED, PICTURES, RECORDS, CACHE
+REPLACED = REPORT, PAGE, MAPS, SHAPES, BODIES, FITS, DRESSED, PICTURES, RECORDS, BY_JOINTS, CACHE
 
 
 def find_avatars(
@@ -78,7 +79,13 @@ def dress_files(
         MeshError: no outfit can be put on any avatar.
     """
     if not resume:
-        for pattern in (f"{RECORDS}/*/*.json", f"{MAPS}/*/*.npz", f"{FITS}/*/*.npz", f"{SHAPES}/*.npz"):
+        for pattern in (
+            f"{RECORDS}/*/*.json",
+            f"{MAPS}/*/*.npz",
+            f"{FITS}/*/*.npz",
+            f"{SHAPES}/*.npz",
+            f"{BY_JOINTS}/*/*/*.npz",
+        ):
             for made in output.glob(pattern):
                 made.unlink()
     result = dress_all(outfits, avatars, output, files, options, cache=output / CACHE, engine=engine)

@@ -23,11 +23,13 @@ from zoomout_core.outfits.batch import FITS, DressedFile
 from zoomout_core.outfits.check import check_outfit
 from zoomout_core.outfits.dress_avatar import dress_avatar
 from zoomout_core.outfits.parts import split_avatar
+from zoomout_core.outfits.skeleton import rigged_body
 from zoomout_core.runtime.array_files import ArrayFileError, read_arrays, write_arrays
 from zoomout_core.runtime.outputs import atomic_write
 from zoomout_core.runtime.progress import portion
 from zoomout_core.runtime.version import package_version
 from zoomout_core.transfer.dressing.dress import shape_of_source
+from zoomout_core.transfer.rigging.joint_map import RiggedBody
 
 # Extensions of avatar files.
 ENDINGS = (".glb", ".gltf", ".vrm")
@@ -60,6 +62,10 @@ class GltfFiles:
     def read_body(self, path: Path, wears: bool) -> Surface:
         """See `AvatarFiles`."""
         return split_avatar(_read(path), self.body, wears=wears).body.surface
+
+    def read_rigged(self, path: Path, wears: bool) -> RiggedBody | None:
+        """See `AvatarFiles`."""
+        return rigged_body(split_avatar(_read(path), self.body, wears=wears).body)
 
     def ending(self, avatar: Path) -> str:
         """See `AvatarFiles`."""

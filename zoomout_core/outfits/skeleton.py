@@ -29,6 +29,7 @@ from zoomout_core.messages import message, warning
 from zoomout_core.transfer.dressing.body_weights import WeightedBody, follow_weights
 from zoomout_core.transfer.dressing.joint_alignment import JointPairs, align_joints
 from zoomout_core.transfer.rigging.bone_pairs import pair_bones
+from zoomout_core.transfer.rigging.joint_map import RiggedBody
 from zoomout_core.transfer.rigging.joints import motions_around, move_joints
 from zoomout_core.transfer.rigging.poses import parents_first
 from zoomout_core.transfer.rigging.skinning import matrices_of, renumber_bones
@@ -112,14 +113,19 @@ def align_avatars(shape: Floats, source: Asset, target: Asset) -> Floats:
         source: the body of the first avatar.
         target: that of the other one.
     """
-    if source.skin is None or target.skin is None or source.document is None or target.document is None:
+    first, second = rigged_body(source), rigged_body(target)
+    if first is None or second is None:
         return shape
-    bones, others = (
-        skeleton_of(asset, np.flatnonzero(_moving(asset.skin)), _heads(asset))  # type: ignore[arg-type]
-        for asset in (source, target)
-    )
-    weights = csr_array(source.skin.weights[:, np.flatnonzero(_moving(source.skin))])
-    return align_joints(source.surface, shape, target.surface, JointPairs.of(bones, weights, others))
+    return align_joints(source.surface, shape, target.surface, JointPairs.of(first.bones, first.weights, second.bones))
+
+
+def rigged_body(body: Asset) -> RiggedBody | None:
+    """A body with the joints that move something; None without a skin."""
+    if body.skin is None or body.document is None:
+        return None
+    joints = np.flatnonzero(_moving(body.skin))
+    weights = csr_array(body.skin.weights[:, joints])
+    return RiggedBody(body.surface, skeleton_of(body, joints, _heads(body)), weights)
 
 
 def move_skinned(clothes: Asset, skin: Skin | None) -> Asset:
@@ -322,6 +328,7 @@ def _make_skin(
         fit.fitted,
         [weights[start:stop] for start, stop in pairwise(ends)],
         fit.keep,
+        fit.shape,
     )
     weights = csr_array(vstack(followed, format="csr"))
     rest, linear = to_rest(clothes.surface.vertices, weights, np.array(transforms))

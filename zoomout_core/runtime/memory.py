@@ -10,7 +10,7 @@ from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy
 
 # Memory limits and usage of containers, for both versions of control groups.
 GROUPS = (
@@ -58,7 +58,7 @@ def bytes_of(*values: object) -> int:
         if isinstance(value, np.ndarray):
             total += value.nbytes if value.base is None else 0
             ahead.append(value.base)
-        elif isinstance(value, cKDTree):
+        elif isinstance(value, scipy.spatial.cKDTree):
             total += TREE_NODE * value.size
             ahead += [value.data, value.indices]
         else:

@@ -16,13 +16,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zoomout_core.arrays import Floats
+from zoomout_core.arrays import Floats, check_count
 from zoomout_core.maps.functional_map import commutativity_error, orthonormality_error
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.attempt import ATTEMPTS, Attempt
 from zoomout_core.matching.components.lift import lift
 from zoomout_core.matching.match_signature import suggest_names
-from zoomout_core.matching.options import check_count, check_sizes
+from zoomout_core.matching.options import check_sizes
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 from zoomout_core.matching.preparation.memory_need import check_memory

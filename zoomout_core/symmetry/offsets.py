@@ -18,10 +18,8 @@ from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import MeshError, measurable
 from zoomout_core.symmetry.mirror import Direction, own_share_of
 from zoomout_core.symmetry.self_map import SelfMap
+from zoomout_core.symmetry.sides import BLEND
 from zoomout_core.transfer import Domain
-
-# Distance from the line, relative to the square root of the area, over which a split fades from one side to the other.
-BLEND = 0.05
 
 # Diffusion lengths of the neighbourhoods for fitting rigid motions, at unit area: to rotate displacements, and to
 # measure the asymmetry of the shape.

@@ -9,14 +9,16 @@ distinguish the sides, and change sign on the line.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy
 
-from zoomout_core.arrays import Booleans, Floats, Integers
-from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.matching.preparation.analysis import ShapeAnalysis
-from zoomout_core.mesh.surface import Surface
+if TYPE_CHECKING:
+    from zoomout_core.arrays import Booleans, Floats, Integers
+    from zoomout_core.maps.surface_map import SurfaceMap
+    from zoomout_core.matching.preparation.analysis import ShapeAnalysis
+    from zoomout_core.mesh.surface import Surface
 
 # Gaussian width, at unit area, over which samples vote on the side of a vertex.
 VOTING_WIDTH = 0.1
@@ -26,6 +28,9 @@ SMOOTHING_WIDTH = 0.02
 MAX_CONTRADICTION = 0.2
 # A shell is on one side if that side's area exceeds the other's by a larger share of the shell's area than this.
 MIN_ONE_SIDED_SHARE = 0.5
+# Distance from the line, relative to the square root of the area, over which a split of displacements fades from one
+# side to the other.
+BLEND = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +100,7 @@ def on_whole_surface(on_mesh: Floats, surface_map: SurfaceMap, shape: ShapeAnaly
     loose = np.flatnonzero(~inside & (surface.components > 0))
     if len(loose):
         body = np.flatnonzero(inside)
-        near = body[cKDTree(surface.vertices[body]).query(surface.vertices[loose])[1]]
+        near = body[scipy.spatial.cKDTree(surface.vertices[body]).query(surface.vertices[loose])[1]]
         apart = np.linalg.norm(surface.vertices[loose] - surface_map.interpolate(surface.vertices)[loose], axis=1)
         side = np.sign(distance[near])
         component = surface.components[loose]

@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass, replace
-from typing import Any, Literal, TypeAlias
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,38 +15,9 @@ from zoomout_core.arrays import Floats, to_floats
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import unit_vectors
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind, is_nothing, mean_over_vertices
+from zoomout_core.transfer.blend_settings import Blend, Mode
 from zoomout_core.transfer.normals import outward_normals
 from zoomout_core.transfer.rules import RULES
-
-Mode: TypeAlias = Literal["mix", "missing"]
-MODES: tuple[Mode, ...] = ("mix", "missing")
-
-
-@dataclass(frozen=True, eq=False)
-class Blend:
-    """How to blend transferred values with existing ones.
-
-    Attributes:
-        mode: "mix": everywhere. "missing": only where values are missing: all numbers of a value are zero, a label is
-            zero, false or empty, a vertex has no weight in the groups that share it, or a shape key moves no vertex.
-        factor: share of the transferred values, in [0, 1].
-        mask: (n_t,) factor for each vertex of the target, which multiplies `factor`; None for 1 everywhere.
-    """
-
-    mode: Mode = "mix"
-    factor: float = 1.0
-    mask: ArrayLike | None = None
-
-    def __post_init__(self) -> None:
-        if self.mode not in MODES:
-            raise ValueError(f"The mode is {self.mode!r}: choose one of {', '.join(MODES)}.")
-        if not 0 <= self.factor <= 1:
-            raise ValueError(f"The factor is {self.factor!r}: give a number from 0 to 1.")
-
-    @property
-    def replaces(self) -> bool:
-        """Whether the target's own values are replaced."""
-        return self.mode == "mix" and self.factor == 1 and self.mask is None
 
 
 def blend(

@@ -4,8 +4,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
+import scipy
 
 from zoomout_core.arrays import Floats, Indices, Integers
 
@@ -36,5 +35,5 @@ def find(keys: Integers, wanted: Integers) -> Integers:
 
 def label_groups(count: int, first: Integers, second: Integers) -> Integers:
     """(count,) number of each item's group, after joining the pairs (first, second)."""
-    graph = coo_array((np.ones(len(first), dtype=bool), (first, second)), shape=(count, count))
-    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
+    graph = scipy.sparse.coo_array((np.ones(len(first), dtype=bool), (first, second)), shape=(count, count))
+    return np.asarray(scipy.sparse.csgraph.connected_components(graph, directed=False)[1], dtype=np.int64)

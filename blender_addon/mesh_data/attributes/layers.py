@@ -14,7 +14,7 @@ from bpy.types import Mesh, Object
 from numpy.typing import DTypeLike
 
 from zoomout_core.messages import message
-from zoomout_core.transfer import RULES, Attribute, Domain, Kind
+from zoomout_core.transfer import Attribute, Domain, Kind
 
 from ..arrays import read_array
 from .marks import MARK_ATTRIBUTES
@@ -42,6 +42,9 @@ PINS = ".pn."
 CAPTURED = ".a_"
 
 
+ON_FACES = Domain.POINT, Domain.FACE, Domain.CORNER
+
+
 @dataclass(frozen=True)
 class Storage:
     """How Blender stores attributes of one type.
@@ -51,12 +54,14 @@ class Storage:
         element: the property of each element with the value.
         width: count of numbers per value.
         dtype: their type.
+        domains: where such values can be transferred, as `RULES` of the core says; panels cannot wait for its import.
     """
 
     kind: Kind
     element: str
     width: int
     dtype: DTypeLike
+    domains: tuple[Domain, ...] = tuple(Domain)
 
 
 STORAGE = {
@@ -72,8 +77,8 @@ STORAGE = {
     "INT32_2D": Storage(Kind.LABEL, "value", 2, np.int32),
     "BOOLEAN": Storage(Kind.BOOLEAN, "value", 1, np.bool_),
     "STRING": Storage(Kind.LABEL, "value", 1, np.bytes_),
-    "QUATERNION": Storage(Kind.QUATERNION, "value", 4, np.float32),
-    "FLOAT4X4": Storage(Kind.MATRIX, "value", 16, np.float32),
+    "QUATERNION": Storage(Kind.QUATERNION, "value", 4, np.float32, ON_FACES),
+    "FLOAT4X4": Storage(Kind.MATRIX, "value", 16, np.float32, ON_FACES),
 }
 
 
@@ -154,7 +159,7 @@ def _list_attributes(mesh: Mesh) -> Iterator[tuple[str, Role, str | None]]:
         left_out = name in READ_ELSEWHERE or name.startswith((*EDITING_STATES, CAPTURED, LINK_ATTRIBUTES))
         if not (attribute.is_required or left_out):
             role = roles.get(name, Role.GENERIC)
-            yield name, role, _obstacle(attribute, role)
+            yield name, role, _obstacle(attribute)
 
 
 def untransferable_data(obj: Object, mesh: Mesh) -> dict[str, str]:
@@ -187,7 +192,7 @@ def is_bookkeeping(name: str) -> bool:
     return name in (*MATCH_ATTRIBUTES, HAS_PARTNER) or name.startswith((SYMMETRY_ATTRIBUTES, LINK_ATTRIBUTES))
 
 
-def _obstacle(attribute: bpy.types.Attribute, role: Role) -> str | None:
+def _obstacle(attribute: bpy.types.Attribute) -> str | None:
     name = attribute.name
     if name.startswith(SYMMETRY_ATTRIBUTES):
         return "it maps the source mesh onto itself"
@@ -199,8 +204,7 @@ def _obstacle(attribute: bpy.types.Attribute, role: Role) -> str | None:
         return "it is internal to Blender"
     if attribute.data_type not in STORAGE:
         return message("values of the type {kind} cannot be transferred", kind=attribute.data_type)
-    rule = RULES.get(_kind(attribute, role, turning=False))
-    if rule is None or Domain[attribute.domain] not in rule.domains:
+    if Domain[attribute.domain] not in STORAGE[attribute.data_type].domains:
         return message("values of the type {kind} cannot be transferred", kind=attribute.data_type)
     return None
 

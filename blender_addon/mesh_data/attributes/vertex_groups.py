@@ -13,8 +13,8 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 
 import numpy as np
+import scipy
 from bpy.types import Mesh, Object, VertexGroup
-from scipy.sparse import csc_array, csr_array
 
 import zoomout_core as zo
 from zoomout_core.arrays import Floats, Indices, SingleFloats
@@ -88,14 +88,14 @@ def _weights(names: tuple[str, ...], count: int, entries: list[np.ndarray]) -> A
     """The attribute from the records of all vertices."""
     found = np.concatenate([np.empty(0, ENTRY), *entries])
     found = found[found["group"] < len(names)]
-    values = csr_array((found["weight"], (found["vertex"], found["group"])), shape=(count, len(names)))
+    values = scipy.sparse.csr_array((found["weight"], (found["vertex"], found["group"])), shape=(count, len(names)))
     return Attribute(message("vertex groups"), Domain.POINT, Kind.WEIGHT, values, labels=names)
 
 
 def write_weights(obj: Object, weights: Attribute) -> None:
     """Write vertex groups in the order of their labels, in place of those of the same names."""
     groups = obj.vertex_groups
-    columns = csc_array(weights.values)
+    columns = scipy.sparse.csc_array(weights.values)
     with _preserve_active_group(obj):
         for name in weights.labels:
             if name in groups:
@@ -113,7 +113,7 @@ def update_weights(obj: Object, before: Attribute, after: Attribute) -> None:
         after: their new weights, with the same labels.
     """
     groups = obj.vertex_groups
-    old, new = csc_array(before.values), csc_array(after.values)
+    old, new = scipy.sparse.csc_array(before.values), scipy.sparse.csc_array(after.values)
     with _preserve_active_group(obj):
         for column, name in enumerate(after.labels):
             group = groups.get(name) or groups.new(name=name)
@@ -125,7 +125,7 @@ def update_weights(obj: Object, before: Attribute, after: Attribute) -> None:
             _add(group, is_in[changed], has[changed])
 
 
-def _members(columns: csc_array, column: int) -> tuple[Indices, SingleFloats]:
+def _members(columns: scipy.sparse.csc_array, column: int) -> tuple[Indices, SingleFloats]:
     """The vertices in a group and their weights, in Blender's single precision."""
     entries = slice(*columns.indptr[column : column + 2])
     return columns.indices[entries], columns.data[entries].astype(np.float32)

@@ -346,3 +346,9 @@ def _evaluated_positions(obj: Object, faces: Faces) -> Floats | None:
         return read_positions(mesh) if read_faces(mesh) == faces else None
     finally:
         evaluated.to_mesh_clear()
+
+
+def names_of_keys(obj: Object) -> list[str]:
+    """The names of an object's shape keys besides the Basis."""
+    key = obj.data.shape_keys
+    return [] if key is None else [block.name for block in key.key_blocks if block != key.reference_key]

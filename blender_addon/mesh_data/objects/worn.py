@@ -12,9 +12,9 @@ from bpy.types import Collection as BlenderCollection
 from bpy.types import Context, Depsgraph, Object
 
 import zoomout_core as zo
+from zoomout_core import outfits
 from zoomout_core.arrays import Floats
 from zoomout_core.messages import message
-from zoomout_core.outfits.parts import is_hair
 
 from ..arrays import hash_of, read_array
 from ..attributes.vertex_groups import read_mask
@@ -93,7 +93,7 @@ def read_worn(obj: Object, depsgraph: Depsgraph, at_rest: bool, kept: str = "") 
         stood=stood,
         at_rest=at_rest,
         hangs_from_bone=obj.parent is not None and obj.parent_type == "BONE",
-        is_hair=is_hair(obj.name, [slot.material.name for slot in obj.material_slots if slot.material]),
+        is_hair=outfits.parts.is_hair(obj.name, [slot.material.name for slot in obj.material_slots if slot.material]),
         takes_keys=obj.type == "MESH",
         content=content_of(obj),
         kept=kept if has_kept else "",

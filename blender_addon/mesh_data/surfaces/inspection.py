@@ -6,9 +6,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from bpy.types import Mesh
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from zoomout_core.arrays import Integers
 
@@ -70,5 +69,5 @@ def _count_parts(positions: np.ndarray, edges: Integers) -> int:
 
 def _count_components(n: int, edges: Integers) -> int:
     used = np.unique(edges)
-    graph = coo_array((np.ones(len(edges), bool), (edges[:, 0], edges[:, 1])), shape=(n, n))
-    return int(connected_components(graph, directed=False)[0]) - (n - len(used))
+    graph = scipy.sparse.coo_array((np.ones(len(edges), bool), (edges[:, 0], edges[:, 1])), shape=(n, n))
+    return int(scipy.sparse.csgraph.connected_components(graph, directed=False)[0]) - (n - len(used))

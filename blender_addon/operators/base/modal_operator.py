@@ -16,10 +16,9 @@ import zoomout_core as zo
 from zoomout_core.messages import Message, as_message, message
 from zoomout_core.runtime.progress import Progress
 
+from ... import services
 from ...jobs import Job, run
 from ...scene.redraw import redraw_sidebars
-from ...services.preflight import obstacle
-from ...services.targets import Outcome
 from ...translations import reported, translated
 from ...viewport import preview
 from . import activity, modes, prepare_ahead, running_operators
@@ -48,7 +47,7 @@ class ModalOperator(Operator):
         """The way to use a match that is probably wrong, which is stored now."""
         return message("To use this match anyway, press {button}.", button=as_message(self.bl_label))
 
-    def report_failed(self, outcome: Outcome[Any]) -> None:
+    def report_failed(self, outcome: services.targets.Outcome[Any]) -> None:
         """Warn about each target that was left out.
 
         Raises:
@@ -61,7 +60,7 @@ class ModalOperator(Operator):
     @classmethod
     def poll(cls, context: Context) -> bool:
         """Whether the active object can receive data."""
-        return is_available(cls, activity.AT_WORK if activity.running else obstacle(context))
+        return is_available(cls, activity.AT_WORK if activity.running else services.preflight.obstacle(context))
 
     @property
     def adds_undo_steps(self) -> bool:
@@ -87,7 +86,7 @@ class ModalOperator(Operator):
             return self.execute(context)
         prepare_ahead.stop()
         self._left = modes.leave(context, self)
-        self._job = Job(self.work(context))
+        self._job = Job(_load_and_work(self, context))
         _show_progress(context, self._job.progress)
         self._timer = context.window_manager.event_timer_add(0.01, window=context.window)
         running_operators.begin(context, self)
@@ -134,6 +133,11 @@ class ModalOperator(Operator):
     def _fail(self, error: zo.MeshError) -> set[str]:
         self.report({"ERROR"}, reported(str(error)))
         return {"CANCELLED"}
+
+
+async def _load_and_work(operator: ModalOperator, context: Context) -> str:
+    await services.load()
+    return await operator.work(context)
 
 
 def _show_progress(context: Context, progress: Progress | None) -> None:

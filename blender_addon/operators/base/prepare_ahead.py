@@ -11,12 +11,12 @@ from bpy.types import Context, Mesh
 
 import zoomout_core as zo
 
+from ... import services
 from ...jobs import Job
 from ...mesh_data.surfaces.base_mesh import keeps_vertices
 from ...properties.preferences import prepares_ahead
+from ...scene.landmarks import OF_LANDMARKS
 from ...scene.selection import source_name
-from ...services.constraints import OF_LANDMARKS
-from ...services.matching.prepare_ahead import prepare_ahead
 from . import activity
 
 # Seconds from a change of the selection to the preparation, and between two slices of that.
@@ -79,7 +79,7 @@ def advance(context: Context) -> bool:
     if pair != _latest:
         stop()
         if pair is not None:
-            _latest, _job = pair, Job(prepare_ahead(context, pair.source, pair.target, **dict(pair.options)))
+            _latest, _job = pair, Job(_prepare(context, pair))
     job, _job = _job, None  # a job that fails is not advanced again
     try:
         if job is None or job.advance(0):
@@ -88,6 +88,12 @@ def advance(context: Context) -> bool:
         return False
     _job = job
     return True
+
+
+async def _prepare(context: Context, pair: _Pair) -> None:
+    await services.load()
+    options = dict(pair.options)
+    await services.matching.prepare_ahead.prepare_ahead(context, pair.source, pair.target, **options)
 
 
 def _selected_pair(context: Context) -> _Pair | None:

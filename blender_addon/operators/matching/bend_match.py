@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from bpy.types import Context
 
-from ...services.matching.bend_match import bend_match_async
+from ... import services
 from ..base.matched_operator import MatchedOperator
 
 
@@ -19,4 +19,4 @@ class ZOOMOUT_OT_bend_match(MatchedOperator):
     bl_options = {"REGISTER", "UNDO"}
 
     async def work(self, context: Context) -> str:
-        return await bend_match_async(context, context.active_object.name)
+        return await services.matching.bend_match.bend_match_async(context, context.active_object.name)

@@ -10,8 +10,7 @@ from bpy.types import Context
 import zoomout_core as zo
 from zoomout_core.messages import message
 
-from ...services.matching.candidates import side_swapped_candidate
-from ...services.matching.use_candidate import stored_list, use_candidate_async
+from ... import services
 from ...storage import stored_match
 from ...storage.stored_candidates import CandidateList
 from ..base.modal_operator import ModalOperator
@@ -30,8 +29,8 @@ class CandidateOperator(ModalOperator):
 
     async def work(self, context: Context) -> str:
         target = context.active_object
-        place = self.place(stored_list(target))
-        result = await use_candidate_async(context, target.name, place)
+        place = self.place(services.matching.use_candidate.stored_list(target))
+        result = await services.matching.use_candidate.use_candidate_async(context, target.name, place)
         doubtful = stored_match.low_confidence(result.confidence)
         return message(
             "'{target}' uses candidate {number}; {doubtful:,} of {vertices:,} vertices are doubtful",
@@ -76,7 +75,7 @@ class ZOOMOUT_OT_swap_match_sides(CandidateOperator):
     bl_options = {"REGISTER", "UNDO"}
 
     def place(self, listing: CandidateList) -> int:
-        swapped = side_swapped_candidate(listing)
+        swapped = services.matching.candidates.side_swapped_candidate(listing)
         if swapped is None:
             raise zo.MeshError(
                 "None of the candidates swaps the sides: place a landmark on one side, then match again."

@@ -5,9 +5,9 @@ from __future__ import annotations
 
 from bpy.types import Context
 
+from ... import services
 from ...properties.settings import SourceName
 from ...scene.selection import choose_source
-from ...services.matching.seam_cut import cut_seams_async
 from ..base.modal_operator import ModalOperator
 
 
@@ -23,4 +23,4 @@ class ZOOMOUT_OT_cut_seams(SourceName, ModalOperator):
     async def work(self, context: Context) -> str:
         target = context.active_object
         source = choose_source(context, target, self.source)
-        return await cut_seams_async(context, source.name, target.name)
+        return await services.matching.seam_cut.cut_seams_async(context, source.name, target.name)

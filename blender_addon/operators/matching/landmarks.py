@@ -9,6 +9,7 @@ from bpy.types import Context, Object, Operator
 import zoomout_core as zo
 from zoomout_core.messages import Message, message
 
+from ... import services
 from ...mesh_data import surface_point_of_vertex
 from ...properties.landmarks import ImportOptions
 from ...scene.landmarks import (
@@ -21,9 +22,6 @@ from ...scene.landmarks import (
     set_landmark,
 )
 from ...scene.selection import participants
-from ...services.face_landmarks import set_face_landmarks
-from ...services.matching.landmark_import import import_landmarks
-from ...services.matching.propose_partners import propose_partners
 from ...translations import reported
 from ..base import modes
 from ..base.availability import is_available
@@ -98,7 +96,7 @@ class ZOOMOUT_OT_landmarks_from_selected(LandmarkOperator):
                 number = next_number(context.scene, obj, objects)
                 set_landmark(context.scene, obj, place, number)
                 numbers.add(number)
-        return _describe_placed(count, propose_partners(context, objects, numbers))
+        return _describe_placed(count, services.matching.propose_partners.propose_partners(context, objects, numbers))
 
 
 class ZOOMOUT_OT_face_landmarks(LandmarkOperator):
@@ -112,7 +110,7 @@ class ZOOMOUT_OT_face_landmarks(LandmarkOperator):
 
     def change(self, context: Context, objects: list[Object]) -> str:
         """Set the landmarks of a face."""
-        return _describe_placed(*set_face_landmarks(context, objects))
+        return _describe_placed(*services.face_landmarks.set_face_landmarks(context, objects))
 
 
 class ZOOMOUT_OT_import_landmarks(ImportOptions, LandmarkOperator):
@@ -122,7 +120,7 @@ class ZOOMOUT_OT_import_landmarks(ImportOptions, LandmarkOperator):
 
     def change(self, context: Context, objects: list[Object]) -> str:
         """Import landmarks."""
-        count = import_landmarks(context, objects, self.what)
+        count = services.matching.landmark_import.import_landmarks(context, objects, self.what)
         return message("Imported {landmarks}", landmarks=landmarks_in_words(count))
 
 

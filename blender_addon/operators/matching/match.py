@@ -8,14 +8,13 @@ from functools import partial
 
 from bpy.types import Context
 
-from zoomout_core.matching.report.notes import MAX_UNMATCHED_SHARE
+from zoomout_core.matching import report
 from zoomout_core.messages import message
 
+from ... import services
 from ...properties.match import MatchOptions, RedoOptions
 from ...properties.settings import SourceName, take_settings
 from ...scene.selection import sources_of_targets
-from ...services.matching.match import agree_matches, prepare_match
-from ...services.targets import Outcome, each_target
 from ...storage import stored_match
 from ..base.modal_operator import ModalOperator
 
@@ -38,10 +37,12 @@ class ZOOMOUT_OT_match(SourceName, MatchOptions, RedoOptions, ModalOperator):
         take_settings(self, context.scene.zoomout)
         active = context.active_object.name
         source_of, options = sources_of_targets(context, self.source), self.match_options() | self.redo_options()
-        outcome = await each_target(
+        outcome = await services.targets.each_target(
             list(source_of),
-            lambda target: prepare_match(context, source_of[target], target, show_preview=target == active, **options),
-            partial(agree_matches, options.get("detail", "balanced"), options.get("k_final", 0))
+            lambda target: services.matching.match.prepare_match(
+                context, source_of[target], target, show_preview=target == active, **options
+            ),
+            partial(services.matching.match.agree_matches, options.get("detail", "balanced"), options.get("k_final", 0))
             if self.initial == "AUTO"
             else None,
         )
@@ -49,7 +50,7 @@ class ZOOMOUT_OT_match(SourceName, MatchOptions, RedoOptions, ModalOperator):
         return _summary([source_of[target] for target in outcome.done], outcome)
 
 
-def _summary(sources: Sequence[str], outcome: Outcome[stored_match.Match]) -> str:
+def _summary(sources: Sequence[str], outcome: services.targets.Outcome[stored_match.Match]) -> str:
     """The result in one sentence."""
     names = list(outcome.done)
     confidences = [match.confidence for match in outcome.done.values()]
@@ -65,7 +66,7 @@ def _summary(sources: Sequence[str], outcome: Outcome[stored_match.Match]) -> st
         vertices=vertices,
     )
     shares = stored_match.without_partner(outcome.done[names[0]]) if len(names) == 1 else None
-    if shares is None or max(shares) < MAX_UNMATCHED_SHARE:
+    if shares is None or max(shares) < report.notes.MAX_UNMATCHED_SHARE:
         return text
     return message(
         "{done}; {of_target:.0%} of the target and {of_source:.0%} of the source have no partner",

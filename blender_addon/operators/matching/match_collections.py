@@ -7,9 +7,8 @@ from bpy.types import Context
 
 from zoomout_core.messages import enumeration, message
 
+from ... import services
 from ...scene.selection import select_only
-from ...services.matching.collection_match import match_collections_async
-from ...services.transfer_report import and_others
 from ...storage import stored_match
 from ..base import activity
 from ..base.availability import is_available
@@ -38,9 +37,16 @@ class ZOOMOUT_OT_match_collections(ModalOperator):
     async def work(self, context: Context) -> str:
         settings = context.scene.zoomout
         names = settings.source_collection.name, settings.target_collection.name
-        matches = await match_collections_async(context, *names, detail=settings.detail.lower())
+        matches = await services.matching.collection_match.match_collections_async(
+            context, *names, detail=settings.detail.lower()
+        )
         pairs = enumeration(
-            message("'{target}' with '{source}'{others}", target=target, source=source, others=and_others(match.others))
+            message(
+                "'{target}' with '{source}'{others}",
+                target=target,
+                source=source,
+                others=services.transfer_report.and_others(match.others),
+            )
             for target, (source, match) in matches.items()
         )
         select_only(context, list(matches))  # a transfer then uses the source of each target

@@ -13,6 +13,7 @@ from mathutils import Vector
 
 from zoomout_core.messages import message
 
+from ... import services
 from ...mesh_data import SurfacePoint, raycast_surface_point
 from ...scene.landmarks import (
     confirm_landmarks,
@@ -23,7 +24,6 @@ from ...scene.landmarks import (
     surface_points_on,
 )
 from ...scene.selection import participants
-from ...services.matching.propose_partners import propose_partners
 from ...translations import reported, translated
 from ...viewport.landmark_dots import dot_at, dots
 from ..base import modes, running_operators
@@ -115,7 +115,7 @@ class ZOOMOUT_OT_place_landmarks(Operator):
         number = next_number(context.scene, obj, objects)
         set_landmark(context.scene, obj, place, number)
         self._placed.append((number, obj.name))
-        propose_partners(context, objects, [number])
+        services.matching.propose_partners.propose_partners(context, objects, [number])
         bpy.ops.ed.undo_push(message=translated(message("Place Landmark {number}", number=number)))
         return self._show(context)
 
@@ -132,7 +132,7 @@ class ZOOMOUT_OT_place_landmarks(Operator):
         self._dragged = None
         objects = self._present(context)
         confirm_landmarks(context.scene, [obj for obj in objects if obj.name == name], [number])
-        propose_partners(context, objects, [number])
+        services.matching.propose_partners.propose_partners(context, objects, [number])
         bpy.ops.ed.undo_push(message=translated(message("Move Landmark {number}", number=number)))
         return self._show(context)
 

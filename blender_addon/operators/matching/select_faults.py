@@ -5,15 +5,8 @@ from __future__ import annotations
 
 from bpy.types import Context
 
-from ...services.matching.select_faults import (
-    DOUBTFUL,
-    FLIPPED,
-    TORN,
-    WITHOUT_PARTNER,
-    select_faults_async,
-    select_stretched,
-    stretched_vertices,
-)
+from ... import services
+from ...scene.faults import DOUBTFUL, FLIPPED, TORN, WITHOUT_PARTNER, stretched_vertices
 from ..base.availability import is_available
 from ..base.matched_operator import MatchedOperator
 from ..base.modal_operator import ModalOperator
@@ -28,7 +21,9 @@ class SelectOperator(MatchedOperator):
     selecting = (True, False, False)
 
     async def work(self, context: Context) -> str:
-        result = await select_faults_async(context, context.active_object.name, self.what)
+        result = await services.matching.select_faults.select_faults_async(
+            context, context.active_object.name, self.what
+        )
         context.tool_settings.mesh_select_mode = self.selecting  # Edit Mode deselects elements of other modes
         return result
 
@@ -85,7 +80,7 @@ class ZOOMOUT_OT_select_stretched(ModalOperator):
         return is_available(cls, "" if is_bound else "Bind this mesh to a rig first")
 
     async def work(self, context: Context) -> str:
-        result = select_stretched(context, context.active_object)
+        result = services.matching.select_faults.select_stretched(context, context.active_object)
         context.tool_settings.mesh_select_mode = (True, False, False)
         return result
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 
 from bpy.types import Context
 
+from ... import services
 from ...properties.settings import take_settings
 from ...properties.symmetry import CheckOptions, KeyName
-from ...services.symmetry.check import check_symmetry_async
 from .base import SymmetryOperator
 
 
@@ -23,4 +23,6 @@ class ZOOMOUT_OT_check_symmetry(KeyName, CheckOptions, SymmetryOperator):
         take_settings(self, context.scene.zoomout.symmetry)
         obj = context.active_object
         key = self.key or (obj.active_shape_key.name if obj.active_shape_key else "")
-        return await check_symmetry_async(context, obj.name, self.check.lower(), key, self.red_length, self.red_weight)
+        return await services.symmetry.check.check_symmetry_async(
+            context, obj.name, self.check.lower(), key, self.red_length, self.red_weight
+        )

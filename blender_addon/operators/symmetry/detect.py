@@ -8,12 +8,11 @@ from bpy.types import Context
 
 from zoomout_core.runtime.progress import stage
 
+from ... import services
 from ...jobs import pause
 from ...properties.once import ONCE
 from ...properties.settings import take_settings
 from ...properties.symmetry import DetectOptions
-from ...services.symmetry.detect import choose_symmetry, detect_symmetry_async, found_summary, swap_sides
-from ...services.symmetry.mesh_access import writable_mesh
 from ..base.modal_operator import ModalOperator
 from .base import SymmetryOperator
 
@@ -30,8 +29,8 @@ class ZOOMOUT_OT_detect_symmetry(DetectOptions, ModalOperator):
     async def work(self, context: Context) -> str:
         take_settings(self, context.scene.zoomout.symmetry)
         name = context.active_object.name
-        found = await detect_symmetry_async(context, name, self.left, show_preview=True)
-        return found_summary(name, found)
+        found = await services.symmetry.detect.detect_symmetry_async(context, name, self.left, show_preview=True)
+        return services.symmetry.detect.found_summary(name, found)
 
 
 class ZOOMOUT_OT_choose_symmetry(SymmetryOperator):
@@ -45,10 +44,10 @@ class ZOOMOUT_OT_choose_symmetry(SymmetryOperator):
     )
 
     async def work(self, context: Context) -> str:
-        obj = writable_mesh(context, context.active_object.name)
+        obj = services.symmetry.mesh_access.writable_mesh(context, context.active_object.name)
         with stage("Choosing"):
             await pause()
-        return choose_symmetry(context, obj, self.number)
+        return services.symmetry.detect.choose_symmetry(context, obj, self.number)
 
 
 class ZOOMOUT_OT_swap_sides(SymmetryOperator):
@@ -58,7 +57,7 @@ class ZOOMOUT_OT_swap_sides(SymmetryOperator):
     bl_options = {"REGISTER", "UNDO"}
 
     async def work(self, context: Context) -> str:
-        obj = writable_mesh(context, context.active_object.name)
+        obj = services.symmetry.mesh_access.writable_mesh(context, context.active_object.name)
         with stage("Swapping"):
             await pause()
-        return swap_sides(context, obj)
+        return services.symmetry.detect.swap_sides(context, obj)

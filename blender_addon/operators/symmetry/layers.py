@@ -5,9 +5,9 @@ from __future__ import annotations
 
 from bpy.types import Context
 
+from ... import services
 from ...properties.settings import take_settings
 from ...properties.symmetry import DirectionOptions, LayerOptions
-from ...services.symmetry.layers import mirror_attributes_async
 from .base import SymmetryOperator
 
 
@@ -23,4 +23,4 @@ class ZOOMOUT_OT_mirror_attributes(LayerOptions, DirectionOptions, SymmetryOpera
     async def work(self, context: Context) -> str:
         take_settings(self, context.scene.zoomout.symmetry)
         name, direction, layout = context.active_object.name, self.direction.lower(), self.uv_layout.lower()
-        return await mirror_attributes_async(context, name, self.data(), direction, layout)
+        return await services.symmetry.layers.mirror_attributes_async(context, name, self.data(), direction, layout)

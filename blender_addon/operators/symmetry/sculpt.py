@@ -5,9 +5,9 @@ from __future__ import annotations
 
 from bpy.types import Context
 
+from ... import services
 from ...properties.settings import take_settings
 from ...properties.symmetry import DirectionOptions
-from ...services.symmetry.sculpt import mirror_sculpt_async
 from .base import SymmetryOperator
 
 
@@ -22,4 +22,6 @@ class ZOOMOUT_OT_mirror_sculpt(DirectionOptions, SymmetryOperator):
 
     async def work(self, context: Context) -> str:
         take_settings(self, context.scene.zoomout.symmetry)
-        return await mirror_sculpt_async(context, context.active_object.name, self.direction.lower())
+        return await services.symmetry.sculpt.mirror_sculpt_async(
+            context, context.active_object.name, self.direction.lower()
+        )

@@ -5,9 +5,9 @@ from __future__ import annotations
 
 from bpy.types import Context
 
+from ... import services
 from ...properties.settings import take_settings
 from ...properties.symmetry import DirectionOptions, KeyName, KeyOptions
-from ...services.symmetry.shape_keys import mirror_shape_key_async
 from .base import SymmetryOperator
 
 
@@ -25,4 +25,6 @@ class ZOOMOUT_OT_mirror_shape_key(KeyName, KeyOptions, DirectionOptions, Symmetr
         obj = context.active_object
         key = self.key or (obj.active_shape_key.name if obj.active_shape_key else "")
         mode, direction = self.key_mode.lower(), self.direction.lower()
-        return await mirror_shape_key_async(context, obj.name, key, mode, direction, self.blend)
+        return await services.symmetry.shape_keys.mirror_shape_key_async(
+            context, obj.name, key, mode, direction, self.blend
+        )

@@ -7,11 +7,10 @@ from bpy.types import Context
 
 from zoomout_core.runtime.progress import stage
 
+from ... import services
 from ...jobs import pause
 from ...properties.settings import take_settings
-from ...properties.symmetry import SideOptions
-from ...services.symmetry.mesh_access import writable_mesh
-from ...services.symmetry.sides import LEFT, MIDDLE, RIGHT, name_sides, select_symmetry_line
+from ...properties.symmetry import LEFT_GROUP, MIDDLE_GROUP, RIGHT_GROUP, SideOptions
 from .base import SymmetryOperator
 
 
@@ -22,10 +21,10 @@ class ZOOMOUT_OT_select_symmetry_line(SymmetryOperator):
     bl_options = {"REGISTER", "UNDO"}
 
     async def work(self, context: Context) -> str:
-        obj = writable_mesh(context, context.active_object.name)
+        obj = services.symmetry.mesh_access.writable_mesh(context, context.active_object.name)
         with stage("Selecting"):
             await pause()
-        result = select_symmetry_line(obj)
+        result = services.symmetry.sides.select_symmetry_line(obj)
         if not context.tool_settings.mesh_select_mode[0]:  # other modes would deselect vertices
             context.tool_settings.mesh_select_mode = (True, False, False)
         return result
@@ -34,12 +33,15 @@ class ZOOMOUT_OT_select_symmetry_line(SymmetryOperator):
 class ZOOMOUT_OT_name_sides(SideOptions, SymmetryOperator):
     bl_idname = "zoomout.name_sides"
     bl_label = "Name Sides"
-    bl_description = f"Create vertex groups for the left side, the right side and the middle: {LEFT}, {RIGHT}, {MIDDLE}"
+    bl_description = (
+        "Create vertex groups for the left side, the right side and the middle: "
+        f"{LEFT_GROUP}, {RIGHT_GROUP}, {MIDDLE_GROUP}"
+    )
     bl_options = {"REGISTER", "UNDO"}
 
     async def work(self, context: Context) -> str:
         take_settings(self, context.scene.zoomout.symmetry)
-        obj = writable_mesh(context, context.active_object.name)
+        obj = services.symmetry.mesh_access.writable_mesh(context, context.active_object.name)
         with stage("Naming"):
             await pause()
-        return name_sides(obj, self.middle_width)
+        return services.symmetry.sides.name_sides(obj, self.middle_width)

@@ -5,9 +5,9 @@ from __future__ import annotations
 
 from bpy.types import Context
 
+from ... import services
 from ...properties.settings import take_settings
 from ...properties.symmetry import DirectionOptions, WeightOptions
-from ...services.symmetry.weights import symmetrise_weights_async
 from .base import SymmetryOperator
 
 
@@ -25,4 +25,4 @@ class ZOOMOUT_OT_symmetrise_weights(DirectionOptions, WeightOptions, SymmetryOpe
         obj = context.active_object
         active = obj.vertex_groups.active
         only = active.name if self.only_active and active else ""
-        return await symmetrise_weights_async(context, obj.name, self.direction.lower(), only)
+        return await services.symmetry.weights.symmetrise_weights_async(context, obj.name, self.direction.lower(), only)

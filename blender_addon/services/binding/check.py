@@ -78,6 +78,10 @@ def check_binding(context: Context, source_name: str, target_name: str, binding:
 def _check_rig(source: Object) -> None:
     """Raise a MeshError unless an armature deforms an object by vertex groups."""
     if not mesh_data.armatures_of(source):
+        if any(modifier.type == "ARMATURE" for modifier in source.modifiers):
+            raise zo.MeshError(
+                "The Armature modifier of '{source}' has no object: choose the armature in it.", source=source.name
+            )
         raise zo.MeshError(
             "'{source}' has no Armature modifier: choose a source that an armature deforms.", source=source.name
         )

@@ -39,13 +39,22 @@ class Rigged:
 
 def read_rigged(context: Context, pair: ObjectPair) -> Rigged:
     """The sources at rest, with the weights of the first one's bones."""
+    rest, bones, weights = read_rest(context, pair)
+    source = find_mesh(context, pair.source_name)
+    return Rigged(rest, bones, weights, mesh_data.read_animation(source), mesh_data.preserves_volume(source))
+
+
+def read_rest(context: Context, pair: ObjectPair) -> tuple[zo.Surface, Bones, csr_array]:
+    """The sources at rest, the bones of the first one's armatures, and their (n_s, b) weights.
+
+    Raises:
+        MeshError: the undeformed vertices cannot be read.
+    """
     with evaluated_sources(context, pair) as sources:
         weights, _ = mesh_data.read_joined_weights(sources)
-    source = find_mesh(context, pair.source_name)
-    bones = mesh_data.read_bones(source)
+    bones = mesh_data.read_bones(find_mesh(context, pair.source_name))
     rest = pair.source.with_vertices(read_sources_at_rest(context, pair))
-    poses = mesh_data.read_animation(source)
-    return Rigged(rest, bones, weights_of_bones([weights], bones), poses, mesh_data.preserves_volume(source))
+    return rest, bones, weights_of_bones([weights], bones)
 
 
 def read_sources_at_rest(context: Context, pair: ObjectPair) -> Floats:

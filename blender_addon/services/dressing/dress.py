@@ -17,7 +17,7 @@ from zoomout_core.transfer import carry
 from ... import mesh_data
 from ...jobs import compute, pause, run
 from ...mesh_data import ObjectPair, Worn
-from ...scene.pair import check_not_edited, find_mesh, name_of
+from ...scene.pair import check_not_edited, find_mesh, name_of, names_of
 from ...scene.stored_pair import stored_pair
 from ...storage import stored_match
 from ..constraints import check_options
@@ -66,7 +66,7 @@ def dress(
         MeshError: none of the objects can be copied; nothing was written.
         TypeError: an option of the match is unknown.
     """
-    names = [name_of(obj) for obj in accessories]
+    names = names_of(accessories)
     use = MatchUse(force=force)
     return run(
         prepare_dress(context, name_of(source), name_of(target), names, dressing or Dressing(), use, **match_options)

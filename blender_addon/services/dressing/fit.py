@@ -84,7 +84,7 @@ def fit_worn(match: stored_match.Match, fitting: Fitting, dressing: Dressing) ->
     fit = Fit(dressed, moved, [], hiding=tuple(dict.fromkeys(_hiding_keys(fitting))))
     if fitting.rigs is not None and fitting.weights is not None:
         fit = _move_bones(fit, fitting, fitting.rigs, body, shape)
-        fit = _follow_weights(fit, fitting, fitting.rigs, fitting.weights, body)
+        fit = _follow_weights(fit, fitting, fitting.rigs, fitting.weights, body, shape)
         dressed = clear_copies(
             fit.dressed, fit.weights, fitting.weights, fitting.rigs.others, fitting.rigs.outfit, fit.pairs
         )
@@ -140,7 +140,9 @@ def _move_bones(fit: Fit, fitting: Fitting, rigs: Rigs, body: zo.Surface, shape:
     return replace(fit, outfit=replace(outfit, ends=ends, upright=upright), pairs=pairs)
 
 
-def _follow_weights(fit: Fit, fitting: Fitting, rigs: Rigs, weights: GroupWeights, body: zo.Surface) -> Fit:
+def _follow_weights(
+    fit: Fit, fitting: Fitting, rigs: Rigs, weights: GroupWeights, body: zo.Surface, shape: Floats
+) -> Fit:
     """Change the weights of the copies as those of the body below them change."""
     changes = follow_groups(
         weights,
@@ -148,6 +150,7 @@ def _follow_weights(fit: Fit, fitting: Fitting, rigs: Rigs, weights: GroupWeight
         rigs.outfit.names,
         rigs.others.names,
         (body, _vertices_of(body, fitting)),
+        shape,
         fitting.target,
         fitting.worn,
         fit.dressed.vertices,

@@ -67,6 +67,7 @@ def follow_groups(
     own: Sequence[str],
     bones: Sequence[str],
     body: tuple[zo.Surface, Booleans],
+    shape: Floats,
     target: zo.Surface,
     worn: Sequence[Worn],
     fitted: Sequence[Floats],
@@ -79,6 +80,7 @@ def follow_groups(
         own: names of the outfit's own bones.
         bones: names of the target's bones.
         body: the source at rest without worn parts, and (n_s,) which of the source's vertices it has.
+        shape: (n, 3) the vertices of this body in the target's shape.
         target: the target at rest.
         worn: the objects.
         fitted: for each (n, 3) its vertices on the target.
@@ -101,7 +103,7 @@ def follow_groups(
     }
     shapes, places = [worn[number].shape for number in bound], [fitted[number] for number in bound]
     masks = [worn[number].mask for number in bound]
-    followed = follow_weights(before, after, shapes, places, list(bound.values()), masks)
+    followed = follow_weights(before, after, shapes, places, list(bound.values()), masks, shape)
     for (number, was), now in zip(bound.items(), followed, strict=True):
         used = np.union1d(was.indices, now.indices)
         named = replace(weights.source, labels=tuple(labels[column] for column in used))

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any
@@ -23,18 +22,10 @@ from ...mesh_data import ObjectPair
 from ...mesh_data.arrays import hash_of
 from ...storage import stored_candidates, stored_match
 from ...storage.stored_candidates import CandidateList, ListedCandidate
+from . import cached_results
 
 # Maximum number of listed candidates that preserve orientation, and of those that reverse it, which rank below.
 MAX_DIRECT, MAX_MIRRORED = 6, 2
-# Number of matches whose results are cached, the most recently used ones.
-MAX_CACHED = 2
-# Likewise of matches that transfers made, possibly for several targets at once.
-MAX_MADE = 8
-
-# Computed results, by the list's key and the candidate's number.
-_cache: OrderedDict[str, dict[int, zo.MatchResult]] = OrderedDict()
-# The latest matches that transfers made, by the fingerprints of their objects.
-_made: OrderedDict[tuple[str, ...], stored_match.Match] = OrderedDict()
 
 
 def store_match(mesh: Mesh, match: stored_match.Match, pair: ObjectPair, settings: Mapping[str, Any]) -> None:
@@ -49,7 +40,7 @@ def store_match(mesh: Mesh, match: stored_match.Match, pair: ObjectPair, setting
     stored_match.write(mesh, match, pair, settings)
     if isinstance(match, zo.MatchResult) and len(match.candidates) > 1:
         listing = list_candidates(match, pair)
-        cache_result(listing.key, match)
+        cached_results.cache_result(listing.key, match)
         stored_candidates.write(mesh, listing)
     else:
         stored_candidates.remove(mesh)
@@ -88,49 +79,13 @@ def list_candidates(result: zo.MatchResult, pair: ObjectPair) -> CandidateList:
     )
 
 
-def cache_result(key: str, result: zo.MatchResult) -> None:
-    """Cache a result in memory, beside those of other candidates in the same list."""
-    _cache.setdefault(key, {})[result.chosen] = result
-    _cache.move_to_end(key)
-    while len(_cache) > MAX_CACHED:
-        _cache.popitem(last=False)
-
-
-def cache_made_match(pair: ObjectPair, match: stored_match.Match) -> None:
-    """Cache a match that a transfer made, so that the transfer can be adjusted."""
-    _made[_digests(pair)] = match
-    while len(_made) > MAX_MADE:
-        _made.popitem(last=False)
-
-
-def last_made_match(pair: ObjectPair) -> stored_match.Match | None:
-    """The cached match that a transfer made of these two objects in their present state, or None."""
-    return _made.get(_digests(pair))
-
-
-def _digests(pair: ObjectPair) -> tuple[str, ...]:
-    return tuple(one.digest for one in (*pair.source_fingerprints, pair.target_fingerprint))
-
-
-def clear_cache() -> None:
-    """Remove all results from memory."""
-    _cache.clear()
-    _made.clear()
-    stored_candidates.parse.cache_clear()
-
-
-def is_cached(listing: CandidateList) -> bool:
-    """Whether the results of a list's candidates are available without matching again."""
-    return listing.key in _cache
-
-
 async def result_of(listing: CandidateList, place: int) -> zo.MatchResult:
-    """The full result of the candidate at an index of a cached list, see `is_cached`."""
-    number, cached = listing.candidates[place].number, _cache[listing.key]
+    """The full result of the candidate at an index of a cached list, see `cached_results.is_cached`."""
+    number, cached = listing.candidates[place].number, cached_results.of_list(listing)
     if number not in cached:
         result = await compute(partial(next(iter(cached.values())).use, number))
-        cache_result(listing.key, result)
-    return _cache[listing.key][number]
+        cached_results.cache_result(listing.key, result)
+    return cached_results.of_list(listing)[number]
 
 
 def side_swapped_candidate(listing: CandidateList) -> int | None:

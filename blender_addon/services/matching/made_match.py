@@ -20,7 +20,8 @@ from ...storage import stored_match
 from ...storage.stored_match import Match
 from ...translations import translated
 from ..constraints import match_pair, settings_to_store
-from .candidates import cache_made_match, last_made_match, store_match
+from .cached_results import cache_made_match, last_made_match
+from .candidates import store_match
 
 # How a script uses a match anyway; other callers give their own sentence.
 CALL_WITH_FORCE = "To use this match anyway, call the function with force=True."

@@ -22,6 +22,7 @@ from ...storage import stored_match
 from ...viewport import preview
 from ..constraints import match_pair, settings_to_store
 from . import previews
+from .bone_match import correct_match
 from .candidates import store_match
 from .redo_match import read_mask, redone_match, valid_match
 
@@ -139,5 +140,6 @@ async def agree_matches(detail: str, k_final: int, prepared: Mapping[str, Prepar
         for name, result in (await compute(partial(agree, results, sizes))).items():
             was = prepared[name]
             if result is not was.result:
+                result = await correct_match(was.context, was.pair, result)
                 agreed[name] = await _prepare(was.context, was.pair, result, was.settings, was.show_preview)
     return agreed

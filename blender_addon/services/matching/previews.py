@@ -274,11 +274,8 @@ def follow_symmetry(context: Context, obj: Object, show_preview: bool = False) -
         preview.clear()
 
 
-def follow_undo(context: Context) -> None:
-    """Update the preview to the stored data, after undo or redo."""
-    before = preview.current()
-    if before is None:
-        return
+def follow_undo(context: Context, before: Preview) -> None:
+    """Update the preview `before` to the stored data, after undo or redo."""
     obj = overlay.find(before.object_uid)
     if obj is None:  # it was removed, and may come back
         return

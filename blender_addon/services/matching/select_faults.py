@@ -21,13 +21,10 @@ from zoomout_core.transfer import Attribute, Domain, Kind
 from ... import mesh_data
 from ...jobs import compute, run
 from ...mesh_data import ObjectPair
+from ...scene.faults import DOUBTFUL, FLIPPED, TORN, WITHOUT_PARTNER, stretched_vertices
 from ...scene.pair import check_not_edited, find_mesh
 from ...scene.stored_pair import read_stored_match
-from ...storage.stored_match import StoredMatch, unpack_mask
-from ...storage.stored_report import transfer_report
-
-# Kinds of faults.
-DOUBTFUL, FLIPPED, TORN, WITHOUT_PARTNER = "doubtful", "flipped", "torn", "without_partner"
+from ...storage.stored_match import StoredMatch
 
 
 def select_faults(context: Context, target: Object, what: str) -> str:
@@ -87,12 +84,6 @@ def read_stretched(target: Object) -> Booleans:
     if stretched is None:
         raise zo.MeshError("'{target}' was not bound yet, or was edited since: bind it to a rig.", target=target.name)
     return stretched
-
-
-def stretched_vertices(target: Object) -> Booleans | None:
-    """(n,) the vertices that stretch when the bones of the target's rig rotate; None if they are not known."""
-    report = transfer_report(target)
-    return None if report is None else unpack_mask(report.get("stretched"), len(target.data.vertices))
 
 
 # Numbers of elements of an object: none, one, several.

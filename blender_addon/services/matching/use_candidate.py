@@ -18,7 +18,8 @@ from ...storage import stored_candidates, stored_match
 from ...storage.stored_candidates import CandidateList
 from ...viewport import preview
 from ..constraints import match_pair
-from . import candidates, previews
+from . import cached_results, candidates, previews
+from .bone_match import correct_match
 
 # Fraction of the progress for matching again, if results are no longer in memory.
 MATCHING = 0.7
@@ -40,7 +41,7 @@ async def use_candidate_async(context: Context, target_name: str, place: int) ->
     note = message("Candidate {number} of {count} was chosen.", number=place + 1, count=len(listing.candidates))
     with previews.approximate_candidate(target, listing, place):
         pair, stored = await read_stored_match(context, target_name)
-        result = await _result(context, pair, listing, place, stored)
+        result = await correct_match(context, pair, await _result(context, pair, listing, place, stored))
         result = replace(result, notes=(note, *result.notes))
         following = await previews.updated_preview(context, pair, result)
         with writing(context, pair) as (_, target):
@@ -54,7 +55,7 @@ async def _result(
     context: Context, pair: ObjectPair, listing: CandidateList, place: int, stored: stored_match.StoredMatch
 ) -> zo.MatchResult:
     """The result of a candidate; if it is not cached, the objects are matched again with the same settings."""
-    if candidates.is_cached(listing):
+    if cached_results.is_cached(listing):
         return await candidates.result_of(listing, place)
     settings = stored.settings | {"initial": "auto", "from_last": False}
     settings.pop(stored_match.LANDMARKS, None)
@@ -62,7 +63,7 @@ async def _result(
         rematched = await match_pair(context, pair, **settings)
     assert isinstance(rematched, zo.MatchResult)  # an automatic start
     found = candidates.list_candidates(rematched, pair)
-    candidates.cache_result(found.key, rematched)
+    cached_results.cache_result(found.key, rematched)
     alike = candidates.most_similar(place, listing, found)
     with portion(MATCHING, 1):
         return await candidates.result_of(found, alike)

@@ -5,12 +5,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
-from typing import Any
 
 from bpy.types import Context, Object
 
 import zoomout_core as zo
-from zoomout_core.messages import as_message, message, plural, probability
+from zoomout_core.messages import message, plural
 from zoomout_core.runtime.progress import stage
 
 from ...jobs import compute, pause, run
@@ -78,7 +77,7 @@ def choose_symmetry(context: Context, obj: Object, number: int) -> str:
         )
     stored_symmetry.choose(obj.data, number)
     previews.follow_symmetry(context, obj)
-    return message("'{name}': {symmetry}", name=obj.name, symmetry=summary(candidates[number]))
+    return message("'{name}': {symmetry}", name=obj.name, symmetry=stored_symmetry.summary(candidates[number]))
 
 
 def swap_sides(context: Context, obj: Object) -> str:
@@ -98,14 +97,7 @@ def found_summary(name: str, found: Sequence[zo.Symmetry]) -> str:
         "Found {symmetries} of '{name}'; the first: {first}",
         symmetries=_count(len(found)),
         name=name,
-        first=summary(stored_symmetry.describe(found[0])),
-    )
-
-
-def summary(candidate: dict[str, Any]) -> str:
-    """A candidate of `stored_symmetry.description` in a few words."""
-    return message(
-        "{name}, {certainty}", name=as_message(candidate["name"]), certainty=probability(candidate["certainty"])
+        first=stored_symmetry.summary(stored_symmetry.describe(found[0])),
     )
 
 

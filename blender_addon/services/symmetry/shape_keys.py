@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import replace
 from functools import partial
-from typing import Literal, TypeAlias
+from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 from bpy.types import Context, Object
@@ -17,8 +17,9 @@ from zoomout_core.messages import message
 from zoomout_core.runtime.progress import stage
 from zoomout_core.symmetry.flip_name import partner_of
 from zoomout_core.symmetry.mirror import Direction
-from zoomout_core.symmetry.offsets import BLEND, mirror_offsets, split_offsets, symmetrise_offsets
+from zoomout_core.symmetry.offsets import mirror_offsets, split_offsets, symmetrise_offsets
 from zoomout_core.symmetry.self_map import SelfMap
+from zoomout_core.symmetry.sides import BLEND
 
 from ... import mesh_data
 from ...jobs import compute, pause, run
@@ -65,6 +66,8 @@ async def mirror_shape_key_async(
     context: Context, name: str, key_name: str, mode: KeyMode, direction: Direction, blend: float
 ) -> str:
     """`mirror_shape_key` as a coroutine, which keeps no Blender data across an `await`."""
+    if mode not in get_args(KeyMode):
+        raise ValueError(f"mode is {mode!r}: choose one of {', '.join(get_args(KeyMode))}.")
     obj = writable_mesh(context, name)
     symmetry = stored_symmetry.read(obj)
     with stage(READING, 0, 0):

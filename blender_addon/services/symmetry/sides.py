@@ -14,10 +14,8 @@ from zoomout_core.symmetry.self_map import SelfMap
 from zoomout_core.transfer import Attribute, Domain, Kind
 
 from ... import mesh_data
+from ...properties.symmetry import LEFT_GROUP, MIDDLE_GROUP, RIGHT_GROUP
 from ...storage import stored_symmetry
-
-# Names of the vertex groups, with suffixes for the sides like other groups.
-LEFT, RIGHT, MIDDLE = "Side.L", "Side.R", "Side Middle"
 
 
 def select_symmetry_line(obj: Object) -> str:
@@ -70,7 +68,9 @@ def name_sides(obj: Object, width: float) -> str:
     members = np.column_stack([side > 0, side < 0, side == 0])
     weights = csr_array(members.astype(np.float32))
     with mesh_data.all_or_nothing(obj):
-        mesh_data.write_weights(obj, Attribute("sides", Domain.POINT, Kind.WEIGHT, weights, (LEFT, RIGHT, MIDDLE)))
+        mesh_data.write_weights(
+            obj, Attribute("sides", Domain.POINT, Kind.WEIGHT, weights, (LEFT_GROUP, RIGHT_GROUP, MIDDLE_GROUP))
+        )
         obj.data.update()
     left, right, middle = members.sum(axis=0)
     return message(

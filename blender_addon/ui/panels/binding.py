@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from bpy.types import Context, Panel
 
+from ... import services
 from ...mesh_data import armatures_of
 from ...operators.bind_to_rig import ZOOMOUT_OT_bind_to_rig
 from ...operators.check_motion import ZOOMOUT_OT_check_motion
@@ -12,7 +13,6 @@ from ...operators.matching.select_faults import ZOOMOUT_OT_select_stretched
 from ...operators.move_rig import ZOOMOUT_OT_move_rig
 from ...operators.play_test_poses import ZOOMOUT_OT_test_poses
 from ...properties.transfer import BindOptions, BindView
-from ...services.preflight import likely_source
 from ...viewport.preview import OF_BINDING
 from .sidebar import SidebarPanel, explain_hidden_preview, preview_buttons, split_properties
 
@@ -27,7 +27,7 @@ class ZOOMOUT_PT_binding(SidebarPanel, Panel):
         split_properties(self.layout)
         for name in (*BindOptions.__annotations__, *BindView.__annotations__):
             self.layout.prop(context.scene.zoomout, name)
-        source = likely_source(context) if context.active_object else None
+        source = services.preflight.likely_source(context) if context.active_object else None
         row = self.layout.row(align=True)
         row.enabled = source is not None
         bind = row.row(align=True)

@@ -7,10 +7,9 @@ from bpy.types import Context, Panel
 
 from zoomout_core.messages import message
 
+from ... import mesh_data, services
 from ...operators.play_expressions import ZOOMOUT_OT_play_expressions
 from ...operators.rename_shape_keys import ZOOMOUT_OT_rename_shape_keys
-from ...services.expressions import names_of_keys
-from ...services.key_names import convention_of
 from .. import manual
 from .sidebar import SidebarPanel, help_button, sentences
 from .transfer import ZOOMOUT_PT_transfer
@@ -28,14 +27,14 @@ class ZOOMOUT_PT_expressions(SidebarPanel, Panel):
     def poll(cls, context: Context) -> bool:
         """Whether the active mesh has shape keys."""
         obj = context.active_object
-        return obj is not None and obj.type == "MESH" and bool(names_of_keys(obj))
+        return obj is not None and obj.type == "MESH" and bool(mesh_data.names_of_keys(obj))
 
     def draw_header_preset(self, context: Context) -> None:
         help_button(self.layout, manual.GUIDE)
 
     def draw(self, context: Context) -> None:
         layout = self.layout
-        title = convention_of(tuple(names_of_keys(context.active_object)))
+        title = services.key_names.convention_of(tuple(mesh_data.names_of_keys(context.active_object)))
         text = message("Shape keys with the names of {title}", title=title) if title else NO_CONVENTION
         sentences(context, layout, [text], "SHAPEKEY_DATA")
         layout.operator(ZOOMOUT_OT_rename_shape_keys.bl_idname)

@@ -7,9 +7,9 @@ from pathlib import Path
 
 from bpy.types import Context, Panel
 
+from ... import services
 from ...operators.find_source import ZOOMOUT_OT_append_source, ZOOMOUT_OT_find_source
 from ...properties.library import LibrarySettings
-from ...services.library import last_pictures
 from ..thumbnails import icon_of_file, icon_of_picture
 from .sidebar import SidebarPanel, split_properties
 
@@ -32,7 +32,9 @@ class ZOOMOUT_PT_library(SidebarPanel, Panel):
             return
         for found in settings.found_sources:
             column = layout.column(align=True)
-            pictures = [icon_of_picture(image) for image in last_pictures.get(Path(found.name), ())]
+            pictures = [
+                icon_of_picture(image) for image in services.found_pictures.last_pictures.get(Path(found.name), ())
+            ]
             row = column.row()
             for picture in (icon_of_file(found.name), *pictures):
                 if picture is not None:

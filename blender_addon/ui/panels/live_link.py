@@ -9,11 +9,11 @@ from bpy.types import Context, Panel
 
 from zoomout_core.messages import Message, message, plural
 
+from ... import services
 from ...operators.live_link import ZOOMOUT_OT_keep_linked, ZOOMOUT_OT_update_linked
 from ...operators.matching.match import ZOOMOUT_OT_match
 from ...scene.selection import match_source
-from ...services.live_link import has_older_match, link_of
-from ...services.preflight import stale
+from ...storage import stored_link
 from .sidebar import SidebarPanel, sentences
 from .transfer import ZOOMOUT_PT_transfer
 
@@ -32,13 +32,13 @@ class ZOOMOUT_PT_live_link(SidebarPanel, Panel):
     def draw(self, context: Context) -> None:
         layout, target = self.layout, context.active_object
         layout.operator(ZOOMOUT_OT_keep_linked.bl_idname, icon="LINKED")
-        linked = link_of(target)
+        linked = stored_link.link_of(target)
         if linked is None:
             return
-        if reason := stale(context, target):
+        if reason := services.preflight.stale(context, target):
             sentences(context, layout, [reason], "ERROR")
             layout.operator(ZOOMOUT_OT_match.bl_idname, text="Match Again")
-        elif has_older_match(target):
+        elif stored_link.has_older_match(target):
             sentences(context, layout, ["The mesh was matched again: update the link."], "INFO")
         layout.operator(ZOOMOUT_OT_update_linked.bl_idname, icon="FILE_REFRESH")
         sentences(context, layout, _follows(linked["layers"], linked["source"]), "DOT")

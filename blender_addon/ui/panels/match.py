@@ -11,10 +11,10 @@ from zoomout_core.matching.report.verdict import RED
 from zoomout_core.messages import message
 from zoomout_core.messages import sentences as join_sentences
 
+from ... import services
 from ...operators.matching.match import ZOOMOUT_OT_match
 from ...presets import ZOOMOUT_PT_match_presets
 from ...scene.selection import chosen_targets
-from ...services.preflight import findings, likely_source, stale
 from ...storage import stored_match
 from ...translations import translated
 from .. import manual
@@ -47,7 +47,7 @@ class ZOOMOUT_PT_match(SidebarPanel, Panel):
         column = layout.column()
         column.prop(settings, "source")
         is_mesh = target is not None and target.type == "MESH"
-        source = likely_source(context) if is_mesh else None
+        source = services.preflight.likely_source(context) if is_mesh else None
         others = [obj for obj in chosen_targets(context, source) if obj != target] if source else []
         # The number of rows does not depend on the selection, so that no button moves.
         if settings.source is None:
@@ -60,7 +60,7 @@ class ZOOMOUT_PT_match(SidebarPanel, Panel):
             row = layout.row(align=True)
             row.use_property_split = False  # the three buttons need the full width
             row.prop(settings, "detail", expand=True)
-        found = findings(context)
+        found = services.preflight.findings(context)
         show_findings(context, layout, [finding for finding in found if finding.blocks])
         stored = stored_match.description(target.data) if is_mesh else None
         main_button(
@@ -81,7 +81,7 @@ class ZOOMOUT_PT_match(SidebarPanel, Panel):
 def _draw_verdict(context: Context, layout: UILayout, stored: dict[str, Any]) -> None:
     """Draw whether to use the match, and what to do; nothing if it is outdated or not known."""
     verdict = stored_match.verdict_of(stored)
-    if verdict is None or stale(context, context.active_object):
+    if verdict is None or services.preflight.stale(context, context.active_object):
         return
     box = layout.box()
     box.alert = verdict.level == RED

@@ -10,10 +10,10 @@ from typing import Any
 from bpy.types import Context, Panel, UILayout
 
 from zoomout_core.matching.ranking import candidate_differences
-from zoomout_core.matching.report.notes import select_notes
-from zoomout_core.matching.report.verdict import VERDICT
+from zoomout_core.matching.report.verdict import VERDICT, select_notes
 from zoomout_core.messages import is_warning, message
 
+from ... import services
 from ...operators.matching.candidates import ZOOMOUT_OT_swap_match_sides, ZOOMOUT_OT_use_candidate
 from ...operators.matching.select_faults import (
     ZOOMOUT_OT_select_doubtful,
@@ -21,7 +21,6 @@ from ...operators.matching.select_faults import (
     ZOOMOUT_OT_select_torn,
     ZOOMOUT_OT_select_without_partner,
 )
-from ...services.preflight import Finding, find_outdated, likely_source, stale
 from ...storage import stored_candidates, stored_match
 from ...storage.stored_candidates import CandidateList
 from ...translations import translated
@@ -87,7 +86,7 @@ class ZOOMOUT_PT_result(SidebarPanel, Panel):
         stored = stored_match.description(target.data)
         if stored is None:
             return
-        reason, listing = stale(context, target), stored_candidates.read(target.data)
+        reason, listing = services.preflight.stale(context, target), stored_candidates.read(target.data)
         if reason:
             box = layout.box()
             box.alert = True
@@ -104,7 +103,11 @@ class ZOOMOUT_PT_result(SidebarPanel, Panel):
         # Content that changes with the candidate is below the buttons, so that these do not move.
         explain_hidden_preview(context, layout, PREVIEWS)
         if not reason:
-            show_findings(context, layout, [Finding(each, False) for each in find_outdated(context, target)])
+            show_findings(
+                context,
+                layout,
+                [services.preflight.Finding(each, False) for each in services.preflight.find_outdated(context, target)],
+            )
         notes = stored["notes"]
         if not reason:
             notes = [*_describe_sources(context, stored), *_describe_areas_without_partner(stored), *notes]
@@ -113,7 +116,7 @@ class ZOOMOUT_PT_result(SidebarPanel, Panel):
 
 def _describe_sources(context: Context, stored: dict[str, Any]) -> list[str]:
     """A sentence that names the source of the match, unless the panel shows that source in its row."""
-    source, others = likely_source(context), stored_match.others(stored)
+    source, others = services.preflight.likely_source(context), stored_match.others(stored)
     if source is not None and source.name == stored["source"] and not others:
         return []
     names = ", ".join(f"'{name}'" for name in (stored["source"], *(other["name"] for other in others)))

@@ -11,11 +11,11 @@ from bpy.types import Context, Object, UILayout
 from zoomout_core.matching.report.verdict import AMBER, GREEN, RED
 from zoomout_core.messages import is_warning, message
 
+from ... import services
 from ...operators.base import activity
 from ...operators.preview import ZOOMOUT_OT_clear_preview, ZOOMOUT_OT_preview
 from ...operators.symmetry import ZOOMOUT_OT_check_symmetry
 from ...scene.selection import chosen_targets, own_sources
-from ...services.preflight import Finding
 from ...translations import CONTEXT, translated
 from ...viewport import preview
 from .. import manual
@@ -98,7 +98,7 @@ def draw_notes(context: Context, layout: UILayout, notes: Sequence[str]) -> None
         sentences(context, layout, [note for note in notes if is_warning(note) == warns], icon)
 
 
-def show_findings(context: Context, layout: UILayout, found: Sequence[Finding]) -> None:
+def show_findings(context: Context, layout: UILayout, found: Sequence[services.preflight.Finding]) -> None:
     """Draw obstacles or doubts."""
     for finding in found:
         if finding.begins:

@@ -9,10 +9,9 @@ from bpy.types import Context, Object, Panel, UILayout
 
 from zoomout_core.messages import message
 
+from ... import services
 from ...operators import symmetry as operators
 from ...properties.symmetry import KINDS_OF_DATA, ZOOMOUT_PG_symmetry
-from ...services.preflight import FEW_VERTICES, Finding, is_reshaped
-from ...services.symmetry.detect import summary
 from ...storage import stored_symmetry
 from ...translations import translated
 from ...viewport import preview
@@ -30,11 +29,9 @@ from .sidebar import (
     split_properties,
 )
 
-EDITED = Finding("The mesh was edited after detection: detect its symmetry again.", True)
-RESHAPED = Finding(
-    "The mesh was reshaped after detection: use Mirror Sculpt to mirror the changes, or detect again.", False
-)
-FEW = Finding("The mesh has few vertices: if a symmetry is missing, subdivide it and detect again.", False)
+EDITED = "The mesh was edited after detection: detect its symmetry again."
+RESHAPED = "The mesh was reshaped after detection: use Mirror Sculpt to mirror the changes, or detect again."
+FEW = "The mesh has few vertices: if a symmetry is missing, subdivide it and detect again."
 # Number of thumbnails in a row.
 COLUMNS = 2
 # Size of the thumbnails, in icons.
@@ -62,10 +59,10 @@ class ZOOMOUT_PT_symmetry(SidebarPanel, Panel):
         if stored is None:
             return
         if stored_symmetry.is_outdated(target.data, stored):
-            show_findings(context, layout, [EDITED])
+            show_findings(context, layout, [services.preflight.Finding(EDITED, True)])
             return
-        if is_reshaped(target, stored):
-            show_findings(context, layout, [RESHAPED])
+        if services.preflight.is_reshaped(target, stored):
+            show_findings(context, layout, [services.preflight.Finding(RESHAPED, False)])
         _draw_candidates(context, layout, stored)
         preview_buttons(context, layout, preview.OF_SYMMETRY)
         layout.prop(settings, "check", text="Compare")
@@ -148,17 +145,13 @@ CLASSES = (
 )
 
 
-def _doubts(target: Object) -> list[Finding]:
+def _doubts(target: Object) -> list[services.preflight.Finding]:
     """Doubts for the user before detecting a mesh's symmetry."""
-    found = [FEW] if len(target.data.vertices) < FEW_VERTICES else []
+    few = [FEW] if len(target.data.vertices) < services.preflight.FEW_VERTICES else []
     halves = [modifier.name for modifier in target.modifiers if modifier.type == "MIRROR" and modifier.show_viewport]
-    return found + [
-        Finding(
-            message("The modifier '{modifier}' creates the other half of the mesh: apply it first.", modifier=name),
-            False,
-        )
-        for name in halves
-    ]
+    half = "The modifier '{modifier}' creates the other half of the mesh: apply it first."
+    texts = [*few, *(message(half, modifier=name) for name in halves)]
+    return [services.preflight.Finding(text, False) for text in texts]
 
 
 def _draw_candidates(context: Context, layout: UILayout, stored: dict[str, Any]) -> None:
@@ -171,7 +164,9 @@ def _draw_candidates(context: Context, layout: UILayout, stored: dict[str, Any])
             column.template_icon(icon_of_symmetry(*pictures[number]), scale=PICTURE)
         chosen = number == stored["chosen"]
         button = column.operator(
-            operators.ZOOMOUT_OT_choose_symmetry.bl_idname, text=translated(summary(candidate)), depress=chosen
+            operators.ZOOMOUT_OT_choose_symmetry.bl_idname,
+            text=translated(stored_symmetry.summary(candidate)),
+            depress=chosen,
         )
         button.number = number
     candidate = stored["candidates"][stored["chosen"]]

@@ -5,18 +5,15 @@ from __future__ import annotations
 
 from bpy.types import Context, Object, Panel, UILayout
 
-from zoomout_core.matching.report.notes import select_notes
-from zoomout_core.matching.report.verdict import GREEN
+from zoomout_core.matching.report.verdict import GREEN, select_notes
 from zoomout_core.messages import as_message, message
 
+from ... import services
 from ...operators.choose_data import ZOOMOUT_OT_choose_data
 from ...operators.transfer import ZOOMOUT_OT_transfer
 from ...presets import ZOOMOUT_PT_transfer_presets
 from ...properties.transfer import TransferOptions
 from ...scene.selection import match_source, own_sources
-from ...services.inventory import inventory
-from ...services.preflight import Finding, find_outdated, findings, likely_source, stale
-from ...services.transfer_report import summary
 from ...storage import stored_match
 from ...storage.stored_report import transfer_report
 from .. import manual
@@ -41,17 +38,21 @@ class ZOOMOUT_PT_transfer(SidebarPanel, Panel):
 
     def draw(self, context: Context) -> None:
         layout, target = self.layout, context.active_object
-        source, own = likely_source(context) if target else None, own_sources(context)
+        source, own = services.preflight.likely_source(context) if target else None, own_sources(context)
         if source is None and target is not None and target.name in own:
             source = context.scene.objects[own[target.name]]
         # The panel of the match, above, shows mere doubts about the meshes.
-        found = [finding for finding in findings(context) if finding.blocks]
+        found = [finding for finding in services.preflight.findings(context) if finding.blocks]
         matched = bool(own) or (source is not None and match_source(context, target) == source.name)
         known = [context.scene.objects[name] for name in own] or [target] * matched
-        if reasons := [reason for obj in known if (reason := stale(context, obj))]:
-            found = [Finding(reason, True) for reason in reasons]
+        if reasons := [reason for obj in known if (reason := services.preflight.stale(context, obj))]:
+            found = [services.preflight.Finding(reason, True) for reason in reasons]
         elif matched:
-            found += [Finding(text, False) for obj in known for text in find_outdated(context, obj)]
+            found += [
+                services.preflight.Finding(text, False)
+                for obj in known
+                for text in services.preflight.find_outdated(context, obj)
+            ]
         show_findings(context, layout, found)
         if matched:
             text = count_text("Transfer", "Transfer to {count} Targets", context, source)
@@ -79,7 +80,12 @@ class ZOOMOUT_PT_report(SidebarPanel, Panel):
         if report is None:
             return
         verdict = stored_match.verdict_of(report)
-        sentences(context, self.layout, [summary(report)], VERDICT_ICONS[GREEN if verdict is None else verdict.level])
+        sentences(
+            context,
+            self.layout,
+            [services.transfer_report.summary(report)],
+            VERDICT_ICONS[GREEN if verdict is None else verdict.level],
+        )
         if verdict is not None and verdict.level != GREEN:
             sentences(context, self.layout, [verdict.sentence, verdict.advice], "BLANK1")
         skipped = [
@@ -92,7 +98,7 @@ class ZOOMOUT_PT_report(SidebarPanel, Panel):
 
 def _draw_choice(layout: UILayout, context: Context, source: Object | None) -> None:
     """Draw a check box for each kind of data with the source's count; kinds that have no effect are disabled."""
-    settings, counts = context.scene.zoomout, inventory(context, source) if source else {}
+    settings, counts = context.scene.zoomout, services.inventory.inventory(context, source) if source else {}
     row = layout.row(align=True)
     for text, every in (("All", True), ("None", False)):
         row.operator(ZOOMOUT_OT_choose_data.bl_idname, text=text).every = every

@@ -5,9 +5,9 @@ from __future__ import annotations
 
 from bpy.types import Context, Panel
 
+from ... import services
 from ...operators.wrap import ZOOMOUT_OT_wrap
 from ...properties.wrap import WrapOptions
-from ...services.preflight import likely_source
 from .sidebar import SidebarPanel, split_properties
 
 
@@ -18,7 +18,7 @@ class ZOOMOUT_PT_wrap(SidebarPanel, Panel):
     def draw(self, context: Context) -> None:
         layout, settings, target = self.layout, context.scene.zoomout, context.active_object
         split_properties(layout)
-        source = likely_source(context) if target else None
+        source = services.preflight.likely_source(context) if target else None
         wrapped = source if settings.wrap_reverse else target
         for name in WrapOptions.__annotations__:
             if name == "wrap_mask" and wrapped:

@@ -20,6 +20,9 @@ from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
+from zoomout_core.transfer.rigging.rest_pose import REST, correct_by_bones
+from zoomout_core.transfer.rules import map_target
+from zoomout_core.tuning import retune
 
 pytestmark = pytest.mark.usefixtures("remember_matches")
 
@@ -91,10 +94,33 @@ def test_attributes_follow_the_map_that_the_joints_correct() -> None:
     source = replace(source, attributes=(heights,))
     match = match_at_rest(source, made.surface.vertices + np.array([0, 0, 0.05]))
     errors = []
-    for kinds in (("color",), ("color", "weights")):
-        found = transfer_asset(source, Asset(target), match, kinds).asset.attributes[0]
+    for given, kinds in ((replace(source, skin=None), ["color"]), (source, ["color"]), (source, ["color", "weights"])):
+        transferred = transfer_asset(given, Asset(target), match, kinds)
+        found = transferred.asset.find("color")
         errors.append(np.median(np.abs(found.values[:, 0] - made.surface.vertices[:, 2])))
-    assert errors[1] < 0.3 * errors[0]
+    assert max(errors[1:]) < 0.3 * errors[0]
+    assert transferred.mapped is not None
+    assert transferred.mapped.surface_map is not match.surface_map
+    match.meet_landmarks = lambda surface_map: match.surface_map
+    bent = transfer_asset(source, Asset(target), match, ["color"]).mapped
+    assert bent is not None
+    assert bent.surface_map is match.surface_map
+
+
+def test_few_vertices_suffice_to_correct_the_map() -> None:
+    source, made, target = posed_creature()
+    assert source.skin is not None
+    mapped = map_target(match_at_rest(source, made.surface.vertices + np.array([0, 0, 0.05])), source.surface, target)
+    rigged = source.surface.with_vertices(source.skin.rest), source.skin.weights, source.skin.parents
+    corrected = correct_by_bones(mapped, *rigged)
+    with retune(REST, coarse=300):
+        by_few = correct_by_bones(mapped, *rigged)
+    before, after, of_few = (
+        np.linalg.norm(each.surface_map.interpolate(source.skin.rest) - made.surface.vertices, axis=1).mean()
+        for each in (mapped, corrected, by_few)
+    )
+    assert after < 0.3 * before
+    assert of_few < 1.2 * after
 
 
 def test_limbs_in_another_pose_are_weighted_by_area() -> None:

@@ -140,7 +140,7 @@ def test_dissimilar_assets_are_not_matched(folder: Path, target: zo.Surface, mon
     # More are matched on request.
     assert len(search_module.search(target, assets, 2).ranked) == 2
     assert len(search_module.search(target, assets, 1).ranked) == 1
-    with pytest.raises(ValueError, match="compare is 0: give a number of assets of at least 1"):
+    with pytest.raises(ValueError, match="compare is 0: give a whole number of 1 or more"):
         zo.find_source(target, [zo.Library(folder)], 0)
 
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from transfer_meshes import sphere
 
 import zoomout_core as zo
 from zoomout_core.library import search as search_module
@@ -20,9 +21,9 @@ from zoomout_core.library.surroundings import FEATURES, SURROUNDINGS, PartSurrou
 from zoomout_core.library.wholes import WHOLES, FoundWhole, find_wholes
 from zoomout_core.matching.partial.incomplete_shape import at_scale
 from zoomout_core.matching.partial.part_candidates import PART_CANDIDATES
-from zoomout_core.matching.partial.part_match import PART_MATCH
 from zoomout_core.matching.partial.unknown_scale import RoughPlace
-from zoomout_core.samples import creature
+from zoomout_core.matching.ranking.certainty import PART_CERTAINTY
+from zoomout_core.samples import creature, directions
 from zoomout_core.tuning import retune
 
 pytestmark = pytest.mark.usefixtures("quick_search", "coarse_hulls")
@@ -78,10 +79,12 @@ def test_radii_beyond_a_cut_do_not_count(part: Body) -> None:
 def test_the_whole_of_a_part_is_found(part: Body, assets: list[LibraryAsset]) -> None:
     with (
         retune(PART_CANDIDATES, landmarks=7, regions=1),
-        retune(PART_MATCH, misfit=-50.0, another_map=2.0),
+        retune(PART_CERTAINTY, misfit=-50.0, another_map=2.0),
         retune(WHOLES, placed=1),
     ):
-        (found,) = find_wholes(part, assets)
+        wholes = find_wholes(part, assets)
+    assert wholes is not None
+    (found,) = wholes
     assert found.path == Path("own.glb")
     assert found.match is not None
     assert found.certainty == found.match.certainty
@@ -98,11 +101,58 @@ def test_assets_are_ordered_by_certainty_unless_the_part_is_nearly_whole(
     monkeypatch.setattr(wholes_module, "_match", lambda *_: match)
     found = find_wholes(part, assets)
     if scale > 0.9:
-        assert found == []
+        assert found is None
     else:
+        assert found is not None
         assert [each.path.name for each in found] == ["narrow.glb", "own.glb"]
         assert [each.certainty for each in found] == [0.7, 0.3]
         assert found[0].misfit < found[1].misfit < 0.1
+
+
+def bowl() -> zo.Surface:
+    """A half sphere, open above."""
+    ball = sphere(directions(1500, 0))
+    kept = ball.vertices[ball.triangles][:, :, 2].max(axis=1) < 0.1
+    used, corner = np.unique(ball.triangles[kept], return_inverse=True)
+    return zo.Surface(ball.vertices[used], corner.reshape(-1, 3))
+
+
+def test_parts_without_features_are_placed_nowhere(part: Body, assets: list[LibraryAsset]) -> None:
+    body = bodies_of(bowl())[MAIN_PART]
+    plain, rich = (PartSurroundings.of(analyse_body(each.surface)).variation for each in (body, part))
+    assert plain < WHOLES.min_variation < rich
+    assert find_wholes(body, assets) == []
+
+
+@pytest.mark.parametrize(("certainty", "tried"), [(0.8, 1), (0.3, 2)])
+def test_no_other_asset_is_tried_if_the_first_is_hardly_larger(
+    certainty: float, tried: int, part: Body, assets: list[LibraryAsset], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scales = []
+
+    def place(_part: object, _whole: object, given: list[float]) -> list[RoughPlace]:
+        scales.extend(given)
+        return [RoughPlace(certainty, 0.95, np.zeros(1, int), -5.0)]
+
+    monkeypatch.setattr(wholes_module, "rough_places", place)
+    assert find_wholes(part, assets) is None
+    assert len(scales) == tried
+
+
+@pytest.mark.parametrize(("wholes", "matched"), [([], 1), (None, 2)])
+def test_a_part_without_a_place_is_matched_with_few_assets(
+    wholes: list[FoundWhole] | None,
+    matched: int,
+    part: Body,
+    assets: list[LibraryAsset],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    result = SimpleNamespace(certainty=0.3, chosen=0, candidates=[SimpleNamespace(scores={"total": -11.0})])
+    monkeypatch.setattr(search_module, "match", lambda *_: result)
+    monkeypatch.setattr(search_module, "find_wholes", lambda *_: wholes)
+    monkeypatch.setattr(search_module, "bodies_of", lambda surface: {MAIN_PART: part})
+    with retune(search_module.SEARCH, matched_after=1, max_difference=1000.0, beyond=100.0):
+        assert len(search(part.surface, assets).ranked) == matched
 
 
 @pytest.mark.parametrize("certainty", [0.9, 0.3])

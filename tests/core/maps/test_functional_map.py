@@ -107,11 +107,11 @@ def test_pointwise_maps_of_other_shapes_are_refused(resting: Creature, bent: Cre
     for pointwise, sizes, sentence in (
         (truth[:-1], (), "for each of 2500 target vertices, not for 2499"),
         (truth + 4000, (), "must be vertex numbers from 0 to 3999"),
-        (truth[None], (), "must be a list of numbers"),
+        (truth[None], (), "must be a list of vertex numbers"),
         (onto_resting, (), "The map has 2500 vertices, which does not fit 2500 source and 4000 target"),
         (truth, (61,), "larger than the bases"),
-        (truth, (0,), "a whole number that is at least one"),
-        (truth, (10, 2.5), "a whole number that is at least one"),
+        (truth, (0,), "a whole number of 1 or more"),
+        (truth, (10, 2.5), "a whole number of 1 or more"),
     ):
         order = bases[::-1] if pointwise is onto_resting else bases
         with pytest.raises(ValueError, match=sentence):

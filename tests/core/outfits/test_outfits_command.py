@@ -6,13 +6,20 @@ from __future__ import annotations
 import json
 import shutil
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 from click.testing import CliRunner, Result
 
 from zoomout_core.assets.files import read_asset
 from zoomout_core.cli import main
+from zoomout_core.collection.collection import CollectionResult
+from zoomout_core.geometry.closest_points import closest_points
+from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.matching.report.verdict import Verdict
+from zoomout_core.outfits import batch
 from zoomout_core.outfits.gltf_files import GltfFiles
+from zoomout_core.transfer.rigging.joint_map import RiggedBody
 
 pytestmark = pytest.mark.usefixtures("quick_search")
 
@@ -55,6 +62,41 @@ def test_avatars_are_dressed_once(dolls: Path, tmp_path: Path, monkeypatch: pyte
     assert [path.parent.name for path in output.glob("records/*/*.json")] == ["naked"]
 
 
+class ContradictingJoints(NamedTuple):
+    """Joints that contradict the match of two bodies, and map each vertex to the nearest point."""
+
+    source: RiggedBody
+    target: RiggedBody
+
+    @classmethod
+    def of(cls, source: RiggedBody, target: RiggedBody) -> ContradictingJoints:
+        return cls(source, target)
+
+    def contradict(self, _: SurfaceMap) -> bool:
+        return True
+
+    def share_on_other_limbs(self, _: SurfaceMap) -> float:
+        return 0.2
+
+    def map(self) -> SurfaceMap:
+        source, target = self.source.surface, self.target.surface
+        return SurfaceMap(*closest_points(target.vertices, source.vertices, source.triangles), source.triangles)
+
+
+@pytest.mark.parametrize("level", ["green", "red"])
+def test_joints_match_bodies_unless_their_shapes_do(
+    level: str, dolls: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(batch, "SharedJoints", ContradictingJoints)
+    monkeypatch.setattr(CollectionResult, "verdict", lambda *_: Verdict(level, "By shape.", ""))
+    done = run(dolls / "dressed.glb", dolls / "naked.glb", "-o", tmp_path / "out", "--json")
+    (row,) = json.loads(done.stdout)["outfits"]
+    by_joints = level == "red"
+    assert (tmp_path / "out" / "by_joints" / "maps" / "dressed" / "naked.npz").is_file() == by_joints
+    assert row["verdict"]["level"] == ("amber" if by_joints else "green")
+    assert row["verdict"]["sentence"].startswith("The bodies were matched by their joints") == by_joints
+
+
 @pytest.mark.parametrize(
     ("outfits", "reason"),
     [
@@ -69,6 +111,15 @@ def test_invalid_outfits_are_reported(outfits: str, reason: str, dolls: Path, tm
     done = run(place / outfits, dolls / "dressed.glb", "-o", tmp_path / "out")
     assert done.exit_code == 1
     assert reason in done.output
+    assert not list(tmp_path.glob("out/*"))
+
+
+def test_failed_run_keeps_earlier_bodies(dolls: Path, tmp_path: Path) -> None:
+    bodies = tmp_path / "bodies"
+    bodies.mkdir()
+    (bodies / "earlier.ply").write_text("earlier")
+    assert run(dolls / "naked.glb", dolls / "dressed.glb", "-o", tmp_path).exit_code == 1
+    assert [path.name for path in bodies.iterdir()] == ["earlier.ply"]
 
 
 def test_inputs_in_the_output_folder_are_refused(dolls: Path, tmp_path: Path) -> None:

@@ -8,8 +8,9 @@ import pytest
 from scipy.sparse import csr_array
 from transfer_meshes import sheet, tube
 
-from zoomout_core.transfer import Attribute, Blend, Domain, Kind, blend
+from zoomout_core.transfer import Attribute, Blend, Domain, Kind
 from zoomout_core.transfer.attribute import is_nothing, nothing
+from zoomout_core.transfer.blend import blend
 from zoomout_core.transfer.normals import outward_normals
 
 TARGET = sheet(tube, 12, 6).surface

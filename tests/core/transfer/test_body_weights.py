@@ -88,3 +88,22 @@ def test_cloth_moves_with_the_skin_as_far_as_it_shares_its_bones() -> None:
     np.testing.assert_allclose(apart, 0, atol=1e-12)
     # Half of the weights in common is enough.
     np.testing.assert_allclose(hanging, np.minimum(2 * given.toarray()[:, 0], 1), atol=0.1)
+
+
+def test_cloth_between_touching_limbs_does_not_follow_the_other_one() -> None:
+    def legs(shape: zo.Surface, apart: float) -> zo.Surface:
+        return zo.Surface.joined(
+            [shape.with_vertices(shape.vertices + np.array([side * apart, 0, 0])) for side in (-1, 1)]
+        )
+
+    def of_sides(surface: zo.Surface) -> csr_array:
+        is_left = surface.vertices[:, 0] < 0
+        return csr_array(np.column_stack([is_left, ~is_left]).astype(float))
+
+    body, other, worn = legs(BODY, 1.5), legs(BODY, 1.02), legs(SHIRT, 1.5)
+    before, after = (WeightedBody(each, of_sides(each)) for each in (body, other))
+    given, fitted = of_sides(worn), legs(SHIRT, 1.02).vertices
+    (mixed,) = follow_weights(before, after, [worn], [fitted], [given])
+    assert np.abs(mixed - given).max() > 0.2
+    (found,) = follow_weights(before, after, [worn], [fitted], [given], shape=other.vertices)
+    np.testing.assert_allclose(found.toarray(), given.toarray(), atol=1e-6)

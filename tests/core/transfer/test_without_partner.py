@@ -13,7 +13,8 @@ from transfer_meshes import Sheet, sheet, torus
 
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import MeshError, Surface
-from zoomout_core.transfer import Attribute, Blend, Domain, Kind, blend, map_target, transfer
+from zoomout_core.transfer import Attribute, Blend, Domain, Kind, map_target, transfer
+from zoomout_core.transfer.blend import blend
 from zoomout_core.transfer.continuation import extrapolate_map
 
 

@@ -18,13 +18,14 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.arrays import Booleans, Floats, Integers, check_counts
 from zoomout_core.matching.components.hulls import hull_of
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.preparation.disk_cache import MAX_BYTES as MAX_BYTES_ON_DISK
 from zoomout_core.matching.preparation.disk_cache import ShapeFolder
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.working_mesh import WorkingMesh
+from zoomout_core.runtime.input_files import check_path
 from zoomout_core.runtime.memory import bytes_of
 
 # Maximum bytes of the cached shapes, which is about ten of the usual size; as much again for working meshes. The two of
@@ -115,11 +116,18 @@ def store_shapes(folder: str | PathLike[str] | None, most_bytes: int = MAX_BYTES
         folder: the folder, created if missing; None, the default at start, to cache in memory only.
         most_bytes: maximum size of the folder; the least recently used shapes are removed first.
 
+    Raises:
+        TypeError: the folder is neither a string nor a path.
+        ValueError: the size is not a positive whole number.
+
     Example:
         >>> zo.store_shapes(folder)  # analysed shapes are read from there, also by other processes
         >>> zo.store_shapes(None)
     """
     global _folder
+    if folder is not None:
+        check_path(folder)
+    check_counts(most_bytes=most_bytes)
     _folder = None if folder is None else ShapeFolder(folder, most_bytes)
 
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from itertools import product
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy
 
 from zoomout_core.arrays import Floats
 
@@ -46,7 +46,10 @@ def _difference(here: Floats, there: Floats, mirrored: bool) -> str:
     apart = np.linalg.norm(there - here, axis=1)
     differs = apart > MIN_DIFFERENCE * diagonal
     above = (here[:, 2] - center[2]) > 0
-    if differs.any() and np.mean(cKDTree(here[differs]).query(there[differs])[0]) < EXCHANGE_DISTANCE * diagonal:
+    if (
+        differs.any()
+        and np.mean(scipy.spatial.cKDTree(here[differs]).query(there[differs])[0]) < EXCHANGE_DISTANCE * diagonal
+    ):
         return _of_limbs(float(above[differs].mean()), extent[2] > MIN_UPRIGHT_RATIO * extent[:2].max())
     return TOP if np.average(above, weights=apart + 1e-9) > 0.5 else BOTTOM
 
@@ -79,7 +82,7 @@ def _of_whole(signs: Floats, here: Floats, center: Floats) -> str:
     if signs[0] == signs[1]:
         return AROUND
     # The sides are along the horizontal axis along which the shape is most similar to its own reflection.
-    tree = cKDTree(here)
+    tree = scipy.spatial.cKDTree(here)
     unlike = [float(np.mean(tree.query(2 * center * axis + here * (1 - 2 * axis))[0])) for axis in np.eye(3)[:2]]
     return SIDES if signs[int(np.argmin(unlike))] < 0 else FRONT
 

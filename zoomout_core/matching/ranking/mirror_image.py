@@ -20,7 +20,7 @@ from zoomout_core.matching.registration.smooth_warp import (
     outward_normals,
     warp,
 )
-from zoomout_core.matching.result import MatchResult
+from zoomout_core.matching.result import MatchResult, check_result
 from zoomout_core.runtime.threads import on_one_blas_thread
 from zoomout_core.tuning import Tuning, tuned
 
@@ -48,11 +48,15 @@ def mirror_candidate(result: MatchResult) -> int | None:
 
     None if it is not, if the shapes are their own mirror images, or if the result is of a mirrored candidate already.
 
+    Raises:
+        TypeError: it is no result of `match`.
+
     Example:
         >>> mirrored = zo.mirror_candidate(result)
         >>> if mirrored is not None:
         ...     result = result.use(mirrored)
     """
+    check_result(result)
     if _first_mirror_image(result) is None:
         return None
     here, there = (Samples.of(mesh, outward_normals(mesh)) for mesh in (result.source.working, result.target.working))

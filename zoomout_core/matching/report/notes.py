@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -13,14 +13,10 @@ from zoomout_core.matching.ranking.candidate import Candidate
 from zoomout_core.matching.ranking.certainty import certainty_but_for_turns
 from zoomout_core.matching.ranking.rotational_symmetry import likely_turns
 from zoomout_core.matching.refinement.confidence import Partners
-from zoomout_core.matching.report.verdict import VERDICT, Verdict
+from zoomout_core.matching.report.verdict import UNCERTAIN_MAP, VERDICT
 from zoomout_core.mesh.surface import PointCloud, Surface
 from zoomout_core.messages import message, probability, warning
 
-UNCERTAIN = (
-    "This map is correct with a probability of only {certainty}: check whether sides are swapped, and if so, "
-    "try another candidate or add landmarks."
-)
 NOT_RECOGNISED = (
     "No reliable match was found (a probability of {certainty}): add a few landmarks, or align the two meshes in "
     "the same pose and start from nearest points."
@@ -53,11 +49,6 @@ MAX_LANDMARK_ERROR = 0.2
 # Rounding of coordinates, in edge lengths, above which it is reported. Maps at this value were off by a thousandth of
 # the square root of the area, and by five thousandths at 0.9.
 MAX_ROUNDING = 0.2
-
-
-def select_notes(notes: Iterable[str], verdict: Verdict | None) -> list[str]:
-    """The notes that do not repeat the certainty in a verdict that is shown, too."""
-    return [note for note in notes if verdict is None or getattr(note, "template", None) != UNCERTAIN]
 
 
 def notes_on_input(role: str, shape: Surface | PointCloud, surface: Surface) -> tuple[str, ...]:
@@ -124,7 +115,7 @@ def notes_on_map(candidates: Sequence[Candidate], chosen: int, placed: float, fl
     turns = likely_turns(candidates, chosen)
     if turns > 1 and certainty_but_for_turns(candidates) * placed >= RECOGNISED_CERTAINTY:
         return (warning(TURNED, turns=turns, certainty=probability(certainty)), *notes)
-    doubt = UNCERTAIN if certainty >= RECOGNISED_CERTAINTY else NOT_RECOGNISED
+    doubt = UNCERTAIN_MAP if certainty >= RECOGNISED_CERTAINTY else NOT_RECOGNISED
     return (warning(doubt, certainty=probability(certainty)), *notes)
 
 

@@ -6,7 +6,7 @@ Green: use the map. Amber: look at the place that the sentence names. Red: the m
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -25,6 +25,11 @@ RIGHT_BUT_FOR_DOUBTS = (
 )
 WRONG = "The match is probably wrong: it is {certainty} certain."
 UNCERTAIN = "The match may be wrong: it is {certainty} certain."
+# The note of an uncertain match.
+UNCERTAIN_MAP = (
+    "This map is correct with a probability of only {certainty}: check whether sides are swapped, and if so, "
+    "try another candidate or add landmarks."
+)
 UNPLACED = "The match is {certainty} certain, because {share:.0%} of the target has no certain place on the source."
 SHATTERED = "The match is probably wrong: it tears apart {share:.0%} of the target."
 TORN = "The match tears apart {share:.1%} of the target."
@@ -188,3 +193,8 @@ def check_verdict(verdict: Verdict, force: bool, candidates: int = 1) -> None:
 def worst(verdicts: Sequence[Verdict]) -> Verdict:
     """The first of the verdicts of the highest level, such as of several targets."""
     return max(verdicts, key=lambda verdict: LEVELS.index(verdict.level))
+
+
+def select_notes(notes: Iterable[str], verdict: Verdict | None) -> list[str]:
+    """The notes that do not repeat the certainty in a verdict that is shown, too."""
+    return [note for note in notes if verdict is None or getattr(note, "template", None) != UNCERTAIN_MAP]

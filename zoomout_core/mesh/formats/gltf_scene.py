@@ -19,7 +19,9 @@ from scipy.sparse import coo_array, csr_array
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.mesh.affine_maps import blend_matrices, normalise, transform_points
 from zoomout_core.mesh.formats.gltf_document import PLACE, Document, morph_target_names
+from zoomout_core.mesh.formats.opening import shown
 from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.runtime.input_files import FormatError
 
 if TYPE_CHECKING:
     from pygltflib import Primitive
@@ -45,7 +47,7 @@ class GltfMesh:
         keys: names of the morph targets.
         joint: (n, s) numbers of joints in the skin.
         weight: (n, s) weights of these joints.
-        bare: the number of vertices whose weights are all zero in the file.
+        bare: the number of vertices that have no positive weight in the file.
         place: (n, 4) rows of a stored map; None without one.
     """
 
@@ -227,13 +229,14 @@ def _triangles(document: Document, primitive: Primitive, count: int) -> Integers
 def _influences(rows: dict[str, Floats]) -> tuple[Integers, Floats, Booleans]:
     """(n, s) joints and (n, s) weights of all sets, the largest first; joints without weight are 0.
 
-    If all weights of a vertex are zero or missing, which glTF leaves undefined, its first joint gets a weight of one,
+    If no weight of a vertex is a positive number, which glTF leaves undefined, its first joint gets a weight of one,
     as in Blender's importer. The last array (n,) marks these vertices.
     """
     none = np.zeros((len(rows["POSITION"]), 4))
     sets = [number for number in range(len(rows)) if f"JOINTS_{number}" in rows]
     joint = np.hstack([none[:, :0], *(rows[f"JOINTS_{number}"] for number in sets)]).astype(int)
-    weight = np.nan_to_num(np.hstack([none[:, :0], *(rows.get(f"WEIGHTS_{number}", none) for number in sets)]))
+    weight = np.hstack([none[:, :0], *(rows.get(f"WEIGHTS_{number}", none) for number in sets)])
+    weight[~np.isfinite(weight)] = 0
     bare = (weight <= 0).all(axis=1) & bool(sets)
     weight[bare, :1] = 1
     order = np.lexsort((joint, -weight)) if sets else np.zeros_like(joint)
@@ -275,11 +278,22 @@ class Skeleton:
         return self.document.matrices(skin.inverseBindMatrices)
 
     def matrices(self, mesh: GltfMesh) -> Floats:
-        """(n, 3, 4) matrices that pose the vertices of a mesh."""
+        """(n, 3, 4) matrices that pose the vertices of a mesh.
+
+        Raises:
+            FormatError: a vertex follows a joint that does not exist, or has no inverse bind matrix that can be
+                inverted.
+        """
         count = len(mesh.vertices)
         if mesh.skin is None:
             return np.broadcast_to(self.worlds[mesh.node][:3], (count, 3, 4))
         nodes, inverse_bind = self.skins[mesh.skin]
+        used = np.unique(mesh.joint[mesh.weight > 0])
+        if used.max(initial=0) >= len(nodes):
+            raise FormatError(f"a vertex follows joint {used[-1]}, but its skin has only {len(nodes)} joints")
+        if len(singular := used[np.linalg.det(inverse_bind[used, :3, :3]) == 0]):
+            joint = shown(self.document.gltf.nodes[nodes[singular[0]]].name or f"Joint {singular[0]}")
+            raise FormatError(f"the inverse bind matrix of {joint} cannot be inverted")
         shares = normalise(sparse_weights(np.arange(count)[:, None], mesh.joint, mesh.weight, (count, len(nodes))))
         matrices = blend_matrices((self.worlds[nodes] @ inverse_bind)[:, :3], shares)
         unweighted = np.diff(shares.indptr) == 0

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Sequence
 from typing import Any
 
@@ -20,8 +21,9 @@ SHOWN = 40
 
 def decode(content: bytes) -> str:
     """A file's text, with lines that end in a line feed."""
-    # Names and comments may be in any encoding; only numbers and keywords are used.
-    return content.decode("utf-8-sig", errors="replace").replace("\r\n", "\n").replace("\r", "\n")
+    # Names and comments may be in any encoding; only numbers and keywords are used. Some Windows programs write UTF-16.
+    encoding = "utf-16" if content.startswith((BOM_UTF16_LE, BOM_UTF16_BE)) else "utf-8-sig"
+    return content.decode(encoding, errors="replace").replace("\r\n", "\n").replace("\r", "\n")
 
 
 def text_lines(content: bytes) -> list[str]:

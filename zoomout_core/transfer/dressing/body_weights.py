@@ -16,10 +16,13 @@ import numpy as np
 from scipy.sparse import csr_array, diags_array
 
 from zoomout_core.arrays import Floats
+from zoomout_core.geometry.oriented_closest_points import OrientedSurface
 from zoomout_core.geometry.screened_smoothing import ScreenedSmoothing
+from zoomout_core.maps.surface_map import interpolation_matrix
 from zoomout_core.mesh.affine_maps import normalise
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.triangles import vertex_normals
 from zoomout_core.runtime.threads import on_one_blas_thread
 from zoomout_core.transfer.dressing.body_keys import means_of_skin
 from zoomout_core.transfer.dressing.form import Form, Lines, read_masks
@@ -35,10 +38,12 @@ class BodyWeightTuning(Tuning, set_by="outfits"):
 
     Attributes:
         smooth: length over which the change of the skin's weights is averaged.
+        facing: the distance equivalent to a unit difference of normals when skins are compared.
         agreement: share of the weights in common with the skin below from which a place moves with it.
     """
 
     smooth: float = tuned(0.02, "at unit area", 1e-6, 1)
+    facing: float = tuned(0.05, "at unit area", 1e-6, 10)
     agreement: float = tuned(0.5, "1", 1e-6, 1)
 
 
@@ -47,6 +52,9 @@ BODY_WEIGHTS = BodyWeightTuning()
 COLUMNS = 32
 # Bones per vertex that every format and engine supports. Objects and bodies with fewer may get this number.
 BONES = 4
+# Skin below cloth may have this multiple of the weight that the same skin has of a bone. Near joints, where a shape
+# slides a little, weights differ by less; those of a touching limb differ by more.
+MORE = 4.0
 
 
 class WeightedBody(NamedTuple):
@@ -65,6 +73,7 @@ def follow_weights(
     fitted: Sequence[Floats],
     weights: Sequence[csr_array],
     keep: Sequence[Floats | None] | None = None,
+    shape: Floats | None = None,
 ) -> tuple[csr_array, ...]:
     """Change the weights of worn objects like the weights of the skin below them, from one body to another.
 
@@ -79,16 +88,21 @@ def follow_weights(
         weights: for each (n, b) its weights, of the same bones as those of both bodies.
         keep: for each object weights (n,) in [0, 1] of vertices that keep their form, or None, see `dress`. These also
             keep their skin weights, so that they stay stiff in poses.
+        shape: (m, 3) vertices of the first body in the shape of the second one, see `shape_of_source`. Cloth between
+            limbs that touch on the second body then follows the limb that it was on.
 
     Returns:
         For each (n, b) its weights, with the same sums.
     """
     skins = [_Skin.of(body) for body in (before, after)]
+    same_skin = None if shape is None else skins[0]._replace(weights=_weights_in_shape(before.surface, shape, after))
     limit = int(np.diff(after.weights.indptr).max(initial=BONES))
     found = []
     masks = read_masks(worn, keep)
     for thing, moved, given, mask in zip(worn, fitted, weights, masks, strict=True):
         below = [skin.weights_below(points) for skin, points in zip(skins, (thing.vertices, moved), strict=True)]
+        if same_skin is not None:
+            below[1] = _clip(below[1], same_skin.weights_below(thing.vertices))
         change = csr_array(diags_array(_agreement(given, below[0])) @ (below[1] - below[0]))
         smoothed = _smooth(Form.of(thing, skins[0].unit), change)
         changed = _add(given, smoothed if mask is None else csr_array(diags_array(1 - mask) @ smoothed))
@@ -139,6 +153,23 @@ class _Skin(NamedTuple):
     def weights_below(self, places: Floats) -> csr_array:
         """(q, b) mean weights of the skin below places (q, 3)."""
         return csr_array(means_of_skin(self.patches, places / self.unit) @ self.weights)
+
+
+def _weights_in_shape(body: Surface, shape: Floats, other: WeightedBody) -> csr_array:
+    """(n, b) weights that another body has where the skin of a body is in its shape (n, 3)."""
+    skin, unit = other.surface, float(np.sqrt(other.surface.area))
+    outwards = np.zeros(len(skin.triangles), dtype=bool)
+    surface = OrientedSurface(skin.vertices, skin.triangles, outwards, BODY_WEIGHTS.facing * unit)
+    triangle, barycentric, _ = surface.closest(shape, vertex_normals(shape, body.triangles))
+    nearest = interpolation_matrix(skin.triangles[triangle], barycentric, len(skin.vertices))
+    return normalise(csr_array(nearest @ other.weights))
+
+
+def _clip(below: csr_array, same: csr_array) -> csr_array:
+    """Weights (n, b) of the skin below, bounded by multiples of those of the same skin (n, b); else the latter."""
+    kept = normalise(csr_array(below.minimum(MORE * same)))
+    has_none = np.asarray(kept.sum(axis=1)).ravel() == 0
+    return csr_array(kept + diags_array(has_none.astype(np.float64)) @ same)
 
 
 def _agreement(weights: csr_array, below: csr_array) -> Floats:

@@ -10,13 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from numbers import Real
 from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.sparse import coo_array, csc_array, csr_array, diags_array
 
-from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.arrays import Booleans, Floats, Integers, check_fractions
 from zoomout_core.geometry.procrustes import procrustes
 from zoomout_core.geometry.screened_smoothing import ScreenedSmoothing
 from zoomout_core.maps.surface_map import SurfaceMap
@@ -60,6 +61,9 @@ LINK = 3**-0.5
 # An edge is reported as stretched if it grows by more than the first multiple of the body's growth there, and is longer
 # than the second number, at unit area. Shorter ones are hardly visible.
 STRETCHED, MIN_LENGTH = 2.0, 0.01
+
+STUCK_POINT = "1 point still intersects the skin: check it."
+STUCK_POINTS = "{count:,} points still intersect the skin: check these."
 
 
 @dataclass(frozen=True)
@@ -251,7 +255,8 @@ class Outfit:
                 advance(done / len(self.layers))
         found = [fit.of_vertices(self.following) for fit in self.fits]
         vertices, turns, stretched = zip(*found, strict=True)
-        notes = (warning("{count:,} points still intersect the skin: check these.", count=stuck),) if stuck else ()
+        template = STUCK_POINT if stuck == 1 else STUCK_POINTS
+        notes = (warning(template, count=stuck),) if stuck else ()
         return Dressed(vertices, turns, stretched, notes, self)
 
 
@@ -390,13 +395,12 @@ def _stretched_points(form: Form, motion: Motion, positions: Floats) -> Booleans
 
 def _check(carried: Sequence[Carried], manners: Sequence[Manner] | None, stiffness: float, gap: float) -> None:
     if not (isinstance(carried, Sequence) and all(isinstance(each, Surface | Lines) for each in carried)):
-        raise TypeError("What is fitted must be a list of surfaces or lines.")
+        raise TypeError("The clothes must be a list of surfaces or lines.")
     if not len(carried):
         raise ValueError("There is nothing to fit: give at least one surface or set of lines.")
     if manners is not None and (len(manners) != len(carried) or not set(manners) <= set(get_args(Manner))):
         known = ", ".join(repr(each) for each in get_args(Manner))
         raise ValueError(f"manners are {list(manners)!r}: give one of {known} for each of the {len(carried)} objects.")
-    if not 0 <= stiffness <= 1:
-        raise ValueError(f"stiffness is {stiffness!r}: give a number from 0 to 1.")
-    if not gap >= 0:
+    check_fractions(stiffness=stiffness)
+    if not (isinstance(gap, Real) and gap >= 0):
         raise ValueError(f"gap is {gap!r}: give a distance of zero or more.")

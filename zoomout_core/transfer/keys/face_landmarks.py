@@ -20,10 +20,11 @@ from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Floats, Integers, row_norms
 from zoomout_core.geometry.procrustes import SMALLEST
+from zoomout_core.mesh.shapes import ShapeLike, as_surface
 from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.mesh.triangles import edge_graph, vertex_areas
 from zoomout_core.mesh.working_mesh import WorkingMesh
-from zoomout_core.transfer.attribute import Attribute
+from zoomout_core.transfer.attribute import Attribute, Kind
 from zoomout_core.transfer.frames import on_working_mesh
 from zoomout_core.transfer.keys.head_directions import HeadDirections
 from zoomout_core.transfer.keys.key_names import translate_key_names
@@ -137,7 +138,7 @@ class FaceSlits(NamedTuple):
     vertices: Integers  # (n,) the surface's vertices of the skin
 
 
-def propose_face_landmarks(surface: Surface, keys: Attribute) -> dict[str, int]:
+def propose_face_landmarks(surface: ShapeLike, keys: Attribute) -> dict[str, int]:
     """Find the landmarks of a head by its expression keys.
 
     Args:
@@ -150,6 +151,7 @@ def propose_face_landmarks(surface: Surface, keys: Attribute) -> dict[str, int]:
 
     Raises:
         MeshError: a required key is missing, or does not open or close anything.
+        TypeError: these are no keys of the surface.
 
     Example:
         >>> values = np.zeros((len(source.vertices), 1, 3))
@@ -157,6 +159,8 @@ def propose_face_landmarks(surface: Surface, keys: Attribute) -> dict[str, int]:
         Traceback (most recent call last):
         zoomout_core.mesh.surface.MeshError: There is no shape key eyeBlinkLeft: add one, or place landmarks by hand.
     """
+    surface = as_surface(surface)
+    _check_keys(keys, len(surface.vertices))
     skin, slits, own = find_slits(surface, keys)
     rest = skin.vertices
     for use, slit in slits.items():
@@ -174,6 +178,16 @@ def propose_face_landmarks(surface: Surface, keys: Attribute) -> dict[str, int]:
         *_extremes(skin, rest[np.concatenate(mouth)].mean(axis=0)),
     )
     return dict(zip(FACE_LANDMARKS, own[list(vertices)].tolist(), strict=True))
+
+
+def _check_keys(keys: object, count: int) -> None:
+    """Raise a TypeError unless a user's keys have offsets of each of `count` vertices."""
+    if not (
+        isinstance(keys, Attribute)
+        and keys.kind is Kind.OFFSET
+        and np.shape(keys.values) == (count, len(keys.labels), 3)
+    ):
+        raise TypeError(f"The keys must be an Attribute of the kind OFFSET, with values ({count}, keys, 3) and labels.")
 
 
 def find_slits(surface: Surface, keys: Attribute) -> FaceSlits:

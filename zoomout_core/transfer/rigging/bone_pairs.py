@@ -43,7 +43,7 @@ def pair_bones(bones: Skeleton, others: Skeleton, size: float) -> dict[str, str]
     Returns:
         Names of the others by those of the bones; bones without a partner are left out.
     """
-    pairs = _same_humanoid(bones, others)
+    pairs = same_humanoid(bones, others)
     free = set(others.names) - set(pairs.values())
     pairs |= {name: name for name in bones.names if name not in pairs and name in free}
     spelled = {spelling(name): name for name in reversed(others.names) if name not in pairs.values()}
@@ -64,7 +64,7 @@ def pair_bones(bones: Skeleton, others: Skeleton, size: float) -> dict[str, str]
     return pairs
 
 
-def _same_humanoid(bones: Skeleton, others: Skeleton) -> dict[str, str]:
+def same_humanoid(bones: Skeleton, others: Skeleton) -> dict[str, str]:
     """Pairs of bones that are the same humanoid bone."""
     one, other = (
         {bone: name for bone, name in found.items() if name in each.names}

@@ -20,12 +20,13 @@ from numpy.typing import ArrayLike
 from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
-from zoomout_core.arrays import Booleans, Floats
+from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.geometry.closest_points import SurfaceSearch
 from zoomout_core.geometry.procrustes import procrustes
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.affine_maps import normalise
-from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.decimation import decimate
+from zoomout_core.mesh.surface import MeshError, Surface
 from zoomout_core.mesh.triangles import triangle_normals, unique_edges, vertex_normals
 from zoomout_core.runtime.threads import on_one_blas_thread
 from zoomout_core.transfer.frames import FULL_CONFIDENCE
@@ -39,6 +40,9 @@ from zoomout_core.tuning import Tuning, tuned
 
 # Nearest vertices among which distances are averaged: enough to divide noise by four.
 AVERAGED_NEIGHBOURS = 16
+# Share of the target's area within `RestTuning.in_place` of the source above which both have the same pose and place.
+# Fingers and hems of a remeshed target are farther away.
+MIN_IN_PLACE_SHARE = 0.9
 
 
 @dataclass(frozen=True)
@@ -62,6 +66,7 @@ class RestTuning(Tuning, set_by="binding"):
         in_place: a target in the rest pose stays in place if no vertex would move farther.
         aligned: maximum number of vertices that are aligned with the source as a whole.
         iterations: number of rounds of this alignment.
+        coarse: number of the target's vertices by which the pose is found when only the map is corrected.
     """
 
     same_body: float = tuned(0.01, "at unit area", 0, 1)
@@ -76,6 +81,7 @@ class RestTuning(Tuning, set_by="binding"):
     in_place: float = tuned(0.02, "at unit area", 0, 1)
     aligned: int = tuned(1500, "vertices", 3, 1_000_000)
     iterations: int = tuned(10, "rounds", 1, 100)
+    coarse: int = tuned(4000, "vertices", 100, 1_000_000)
 
 
 REST = RestTuning()
@@ -108,6 +114,63 @@ def correct_map(mapped: MappedTarget, posed: PosedTarget, weights: csr_array) ->
     projection = _project_at_rest(posed.mapped, at_rest, posed.pose, weights, search, REST.along, -np.inf)
     confidence = np.where(projection.trusted, np.maximum(mapped.confidence, FULL_CONFIDENCE), mapped.confidence)
     return replace(mapped, surface_map=projection.surface_map, confidence=confidence)
+
+
+def correct_by_bones(
+    mapped: MappedTarget, rest: Surface, weights: csr_array, parents: ArrayLike | None = None
+) -> MappedTarget:
+    """A mapped target, with its map corrected if the bones take it to the source's own body, see `correct_map`.
+
+    A target in the pose and place of its source is left alone, and so is one without a trusted vertex that has weights.
+    The pose is found on few of the target's vertices, so that its size hardly matters. Arguments are those of
+    `find_pose`.
+    """
+    coarse, nearby = _coarsen(mapped)
+    if is_in_place(coarse.source, coarse.target):
+        return mapped
+    try:
+        posed = find_pose(coarse, rest, weights, parents)
+    except MeshError:  # no trusted vertex has weights
+        return mapped
+    found = posed.mapped.surface_map
+    if found is coarse.surface_map:
+        return mapped
+    surface_map = SurfaceMap(found.triangle[nearby], found.barycentric[nearby], found.source_triangles)
+    for _ in range(2):  # first with the weights of the vertex nearby, then with those that this finds
+        at_rest = replace(mapped, source=rest, surface_map=surface_map)
+        corrected = correct_map(mapped, replace(posed, mapped=at_rest), weights)
+        surface_map = corrected.surface_map
+    return corrected
+
+
+def _coarsen(mapped: MappedTarget) -> tuple[MappedTarget, Integers]:
+    """A mapped target with fewer of its vertices, and (n_t,) the number of the one near each of its own vertices."""
+    mesh = mapped.target.working
+    if len(mesh.vertices) <= REST.coarse:
+        return mapped, np.arange(len(mapped.target.vertices))
+    points, triangles, merged = decimate(mesh.vertices, mesh.oriented_triangles, REST.coarse)
+    order = np.argsort(np.linalg.norm(mesh.vertices - points[merged], axis=1), kind="stable")
+    group, first = np.unique(merged[order], return_index=True)
+    number = np.zeros(len(points), dtype=np.int64)
+    number[group] = np.arange(len(group))
+    kept, own = mesh.surface_vertex[order[first]], mapped.surface_map
+    coarse = replace(
+        mapped,
+        target=Surface(mapped.target.vertices[kept], number[triangles]),
+        surface_map=SurfaceMap(own.triangle[kept], own.barycentric[kept], own.source_triangles),
+        confidence=mapped.confidence[kept],
+        has_partner=None if mapped.has_partner is None else mapped.has_partner[kept],
+    )
+    return coarse, number[merged][np.maximum(mesh.vertex_of, 0)]
+
+
+def is_in_place(source: Surface, target: Surface) -> bool:
+    """Whether a target has the pose and place of its source."""
+    triangle, barycentric = SurfaceSearch(source.vertices, source.triangles).closest(target.vertices)
+    near = SurfaceMap(triangle, barycentric, source.triangles).interpolate(source.vertices)
+    off = np.linalg.norm(near - target.vertices, axis=1)
+    near_area = target.vertex_areas[off < REST.in_place * np.sqrt(source.area)].sum()
+    return bool(near_area > MIN_IN_PLACE_SHARE * target.area)
 
 
 @on_one_blas_thread

@@ -225,7 +225,7 @@ def place_joints(
     depth = np.maximum(cKDTree(before).query(places)[0], RIG.shallow * unit)
     found = _solve(places, motions, depth, edges)
     found, rotations = _make_symmetric(places, found, motions.rotation, edges, after)
-    return MovedJoints(found[number], _align(joints, found[number], parents, rotations[number]))
+    return MovedJoints(found[number], align_bones(joints, found[number], parents, rotations[number]))
 
 
 def _motions_around(before: Floats, after: Floats, areas: Floats, unit: float, places: Floats) -> Similarities:
@@ -359,7 +359,7 @@ def _distances(points: Floats, others: Floats, joints: Floats) -> Floats:
     return np.asarray(np.linalg.norm(points - others, axis=1) / max(extent, SMALLEST))
 
 
-def _align(before: Floats, after: Floats, parents: Integers, rotations: Floats) -> Floats:
+def align_bones(before: Floats, after: Floats, parents: Integers, rotations: Floats) -> Floats:
     """(j, 3, 3) rotations of the bones that begin at joints: best for their directions, else as the surface rotates."""
     child = np.flatnonzero(parents >= 0)
     arm, image = (points[child] - points[parents[child]] for points in (before, after))

@@ -67,6 +67,8 @@ def mix_weights(
     """
     weights = csr_array(attribute.values)
     weights = weights.astype(np.promote_types(weights.dtype, np.float64))
+    negative = int((weights.data < 0).sum())
+    weights.data = np.maximum(weights.data, 0)
     shared = _column_mask(normalised, weights.shape[1])
     if limit is not None and limit < 1:
         raise MeshError(f"A limit of {limit} weights per vertex leaves none: give 1 or more.")
@@ -76,6 +78,8 @@ def mix_weights(
     source_sums = own_sums if sums is None else _each(sums, len(mapped.source.vertices), "sums")
     both_sums = mixing @ np.stack([source_sums, own_sums], axis=1)
     notes = attribute.notes
+    if negative:
+        notes += (message("{layer}: {count:,} negative weights count as 0.", layer=attribute.name, count=negative),)
     if mapped.filling is not None:
         mixed, both_sums = mapped.filling.fill_weights(mixed), mapped.filling.fill(both_sums, following=True)
         notes += mapped.filling.notes(following=True)

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from numbers import Real
 from typing import TypeAlias
 
 import numpy as np
@@ -13,7 +12,7 @@ from numpy.typing import ArrayLike
 from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
-from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.arrays import Booleans, Floats, Integers, check_fractions
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.geometry.oriented_closest_points import OrientedSurface
 from zoomout_core.maps.surface_map import SurfaceMap
@@ -102,9 +101,7 @@ def wrap(
         >>> wrapped.vertices.shape == target.vertices.shape
         True
     """
-    for name, value in (("smoothness", smoothness), ("detail", detail)):
-        if not (isinstance(value, Real) and 0 <= value <= 1):
-            raise ValueError(f"{name} is {value!r}: give a number from 0 to 1.")
+    check_fractions(smoothness=smoothness, detail=detail)
     source, target = as_surface(source), as_surface(target)
     mapped, unit = map_target(result, source, target), float(np.sqrt(source.area))
     weight = mask_of(mask, target)

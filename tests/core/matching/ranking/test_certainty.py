@@ -176,7 +176,7 @@ def test_finished_map_of_lower_energy_ranks_first() -> None:
     assert ranked[0].certainty > 0.7 > 0.3 > ranked[1].certainty > ranked[2].certainty
 
 
-def test_of_two_finished_maps_of_closed_shapes_the_less_torn_one_ranks_first() -> None:
+def test_less_torn_finished_map_of_closed_shapes_ranks_first() -> None:
     energies = np.full(COUNT, 0.1)
     ahead, behind = finish(candidate(0.0), energies), finish(candidate(0.5, 0.5), energies)
     ahead, behind = (replace(one, scores=one.scores | {TORN: count}) for one, count in ((ahead, 30.0), (behind, 0.5)))
@@ -204,19 +204,42 @@ def test_mirror_images_rank_last_and_rival_only_each_other() -> None:
     assert certainties(direct, mirrored, other) == pytest.approx([0.99, 0.5, 0.5], abs=0.02)
 
 
-def test_no_map_is_certain_if_a_mirror_image_has_a_much_better_score() -> None:
-    # Bodies in opposite poses: of the maps that lag behind their mirror image so far, one in five is wrong.
+def test_no_map_is_certain_if_a_much_better_mirror_image_is_nearer_to_it_than_to_a_rival() -> None:
+    # Bodies in opposite poses: a map that exchanges only the arms shares them with the mirror image.
     image = candidate(0.0, 0.5, mirrored=True)
-    alone, near, far, farther = (
-        certainties(candidate(total), image)[0] for total in (0.0, CERTAINTY.image_lead - 1, 4.0, 1e3)
-    )
-    assert alone > near > 0.98
+    farther, nearer = -0.5, 0.4  # shifts of rivals
+
+    def first_of(total: float, shift: float, lag: float = 2.0) -> float:
+        return sort_by_certainty([candidate(total), candidate(total + lag, shift), image], line(), line())[0].certainty
+
+    level, near, far, very_far = (first_of(total, farther) for total in (0.0, CERTAINTY.image_lead - 0.8, 4.0, 1e3))
+    assert level > near > 0.98
     assert 0.75 < far < VERDICT.certain
-    assert far == pytest.approx(farther, abs=0.01)
-    # Less likely maps are not favoured, and the mirror image itself keeps its certainty.
-    first, second, mirrored = certainties(candidate(4.0), candidate(5.5, 0.5), image)
-    assert far >= first > 0.1 > second
-    assert mirrored == certainties(image)[0]
+    assert far == pytest.approx(very_far, abs=0.01)
+    # The map that is farthest from the mirror image is right, unless it has a much worse score than the first one.
+    assert first_of(4.0, nearer) > 0.98
+    assert first_of(4.0, farther, lag=CERTAINTY.image_rival + 0.1) > 0.98
+    # Certainties still fall, and the mirror image itself keeps its own.
+    first, *others, mirrored = sort_by_certainty([candidate(4.0), candidate(5.5, farther), image], line(), line())
+    assert far >= first.certainty > 0.1 > others[0].certainty
+    assert mirrored.certainty == certainties(image)[0]
+
+
+def test_the_map_farthest_from_a_much_better_mirror_image_comes_first() -> None:
+    image, nearest = candidate(0.0, 0.5, mirrored=True), candidate(4.5, 0.4)
+
+    def first_of(total: float, shift: float, lag: float = 2.0) -> str:
+        rival = candidate(total + lag, shift)
+        ranked = sort_by_certainty([candidate(total), replace(rival, origin="rival"), nearest, image], line(), line())
+        return ranked[0].origin
+
+    assert first_of(4.0, -0.5) == "rival"
+    for total, shift, lag in (
+        (CERTAINTY.image_lead - 0.1, -0.5, 2.0),  # the mirror image does not lead clearly
+        (4.0, -0.5, CERTAINTY.image_rival + 0.1),  # the rival has a much worse score
+        (4.0, -0.02, 2.0),  # the rival is hardly farther
+    ):
+        assert first_of(total, shift, lag) != "rival"
 
 
 def test_mirror_images_of_cloth_are_rivals() -> None:

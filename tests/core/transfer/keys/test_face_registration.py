@@ -50,7 +50,7 @@ def test_registration_reduces_map_errors_on_the_face() -> None:
 @pytest.mark.parametrize(
     ("number", "value"),
     [
-        ("bending", (1e-12,) * 4),
+        ("bending", (1e-12,) * 3),
         ("first_bending", 1e-12),
         ("normal_weight", 1.0),
         ("iterations", 1),

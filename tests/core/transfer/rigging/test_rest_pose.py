@@ -12,7 +12,7 @@ from zoomout_core.mesh.affine_maps import transform_points
 from zoomout_core.samples.spheres import ball
 from zoomout_core.transfer import map_target
 from zoomout_core.transfer.rigging.bone_fit import BONES, Pose
-from zoomout_core.transfer.rigging.rest_pose import REST, align, correct_map, find_pose
+from zoomout_core.transfer.rigging.rest_pose import REST, align, correct_by_bones, correct_map, find_pose
 from zoomout_core.transfer.rigging.skinning import skinning_matrices
 from zoomout_core.tuning import retune
 
@@ -66,6 +66,15 @@ def test_bones_correct_a_slid_map_on_the_same_body_alone():
     wide = still.with_vertices(still.vertices * [1.5, 1.5, 1])
     other = _map_at_rest(source, pose_surface(wide, bend(*SOFT)), still.vertices)
     assert correct_map(other, find_pose(other, source, weights, PARENTS), weights) is other
+
+
+def test_map_is_not_corrected_in_place_or_without_weights():
+    source, still = tube(), tube(13, 55, turned=0.4)
+    weights = weights_of(source.vertices)
+    in_place = _map_at_rest(source, still, still.vertices, shift=0.12)
+    assert correct_by_bones(in_place, source, weights, PARENTS) is in_place
+    posed = _map_at_rest(source, pose_surface(still, bend(*SOFT)), still.vertices, shift=0.12)
+    assert correct_by_bones(posed, source, 0 * weights, PARENTS) is posed
 
 
 def test_bones_correct_the_map_also_where_normals_differ():

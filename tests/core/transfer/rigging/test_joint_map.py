@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Maps of bodies by the joints of their rigs, on mannequins."""
+
+from __future__ import annotations
+
+import numpy as np
+from mannequins import PARTS, STEP, Mannequin, mannequin
+from scipy.sparse import csr_array
+
+from zoomout_core.geometry.procrustes import procrustes
+from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.transfer.rigging.bone_pairs import Skeleton
+from zoomout_core.transfer.rigging.joint_map import RiggedBody, SharedJoints
+
+SIDES = {"L": "left", "R": "right"}
+BONES = {
+    "torso": "hips",
+    "head": "head",
+    "upper arm": "UpperArm",
+    "forearm": "LowerArm",
+    "hand": "Hand",
+    "thigh": "UpperLeg",
+    "shin": "LowerLeg",
+    "foot": "Foot",
+}
+NAMES = [*PARTS, "neck"]  # a bone that has no partner, and moves a part of the head
+HUMANOID = {SIDES.get(side, "") + BONES[part]: name for name in PARTS for part, _, side in [name.partition(".")]}
+HEADS = np.array([joint for _, joint, _, _ in PARTS.values()] + [(0, 0, 1.65)], dtype=float)
+PARENTS = np.array([NAMES.index(above) if above else -1 for above, *_ in PARTS.values()] + [NAMES.index("head")])
+TALL = (0.8, 1.1, 1.3)
+
+
+def rigged(body: Mannequin, at_rest: Mannequin, build: tuple[float, float, float] = (1, 1, 1)) -> RiggedBody:
+    """A mannequin with its bones, given the same one at rest."""
+    heads = HEADS * build
+    for bone, name in enumerate(PARTS):
+        chosen = body.part == name
+        heads[bone] = procrustes(at_rest.surface.vertices[chosen], body.surface.vertices[chosen])(heads[bone])
+    column = np.array([NAMES.index(name) for name in body.part])
+    column[(body.part == "head") & (body.keys[:, 2] > 0.05)] = NAMES.index("neck")
+    weights = csr_array((np.ones(len(column)), (np.arange(len(column)), column)), shape=(len(column), len(NAMES)))
+    return RiggedBody(body.surface, Skeleton(NAMES, PARENTS, heads, HUMANOID), weights)
+
+
+def bodies() -> tuple[Mannequin, Mannequin, SharedJoints]:
+    """A mannequin, a posed one of another build and mesh, and their joints."""
+    source, target = mannequin(), mannequin(STEP, seed=3, build=TALL)
+    found = SharedJoints.of(rigged(source, source), rigged(target, mannequin(seed=3, build=TALL), TALL))
+    assert found is not None
+    return source, target, found
+
+
+def test_places_of_another_pose_and_build_are_found() -> None:
+    source, target, joints = bodies()
+    found = joints.map()
+    image = found.vertex
+    # Ellipsoids overlap, so that some places belong to two parts.
+    assert (source.part[image] == target.part).mean() > 0.9
+    off = np.linalg.norm(found.interpolate(source.keys) - target.keys, axis=1)
+    assert np.median(off[source.part[image] == target.part]) < 0.03
+    assert joints.share_on_other_limbs(found) < 0.01
+
+
+def test_joints_contradict_a_map_that_confuses_legs() -> None:
+    source, target, joints = bodies()
+    right = joints.map()
+    assert not joints.contradict(right)
+    vertex = right.vertex.copy()
+    for part in ("thigh", "shin", "foot"):
+        vertex[target.part == f"{part}.L"] = np.flatnonzero(source.part == f"{part}.R")[0]
+    wrong = SurfaceMap.from_vertices(vertex, source.surface)
+    assert joints.contradict(wrong)
+    assert 0.1 < joints.share_on_other_limbs(wrong) < 0.3
+
+
+def test_unknown_rigs_share_no_joints() -> None:
+    body = mannequin()
+    rig = rigged(body, body)
+    unknown = rig._replace(bones=rig.bones._replace(humanoid={}))
+    assert SharedJoints.of(rig, unknown) is None
