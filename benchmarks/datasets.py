@@ -61,7 +61,7 @@ class PairOfMeshes:
         An image on a loose part has no distance to the body, and counts as none.
         """
         known = self.target_vertex, self.source_vertex
-        errors = 1000 * geodesic_error(maps, self.source, *known, most=len(self.target_vertex))
+        errors = 1000 * geodesic_error(np.maximum(maps, 0), self.source, *known, most=len(self.target_vertex))
         return np.where((maps[self.target_vertex] < 0) | np.isinf(errors), np.nan, errors)
 
     def mirrored_error(self, vertex: Integers) -> float | None:

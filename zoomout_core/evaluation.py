@@ -64,8 +64,7 @@ def geodesic_error(
         >>> bool(errors.mean() < 0.1)
         True
     """
-    source = as_surface(source)
-    vertex = _vertex_map(surface_map, len(source.vertices))
+    vertex, source = _vertex_map(surface_map), as_surface(source)
     target_vertex = vertex_numbers(target_vertex, len(vertex), "target_vertex, which comes before source_vertex,")
     source_vertex = vertex_numbers(source_vertex, len(source.vertices), "source_vertex")
     if len(target_vertex) != len(source_vertex):
@@ -75,6 +74,7 @@ def geodesic_error(
         )
     picked = np.unique(np.linspace(0, len(target_vertex) - 1, min(most, len(target_vertex))).astype(int))
     image, truth = vertex[target_vertex[picked]], source_vertex[picked]
+    image = vertex_numbers(image.ravel(), len(source.vertices), "Images on the source").reshape(image.shape)
     graph = edge_graph(source.vertices, source.triangles)
     error = np.empty(image.shape)
     for start in range(0, len(picked), BLOCK):
@@ -84,11 +84,10 @@ def geodesic_error(
     return error / np.sqrt(source.area)
 
 
-def _vertex_map(given: SurfaceMap | HasMap | Integers, count: int) -> Integers:
-    """(n_t,) or (n_t, m) of the `count` source vertices, of a map or of several."""
+def _vertex_map(given: SurfaceMap | HasMap | Integers) -> Integers:
+    """(n_t,) or (n_t, m) source vertices of a map or of several."""
     given = getattr(given, "surface_map", given)
-    vertex = given.vertex if isinstance(given, SurfaceMap) else to_array(given, "A vertex map")
-    return vertex_numbers(vertex.ravel(), count, "Images on the source").reshape(vertex.shape)
+    return given.vertex if isinstance(given, SurfaceMap) else to_array(given, "A vertex map")
 
 
 def distance_distortion(image: Integers, vertex: Integers, source: Surface, target: Surface) -> float:

@@ -41,12 +41,12 @@ def main(command_line: Sequence[str]) -> int:
     Returns:
         0 if everything succeeded, 1 if anything failed, 2 if the arguments are invalid, 130 if it was interrupted.
     """
-    from . import command  # it needs every service, and enabling the add-on none
-
     print_any_character()
     before = signal.signal(signal.SIGINT, signal.default_int_handler)  # Blender sets its own without a window
     try:
         with handle_interrupts():
+            from . import command  # it needs every service, and enabling the add-on none
+
             return command.run(command_line)
     except KeyboardInterrupt:
         print("zoomout: interrupted; incomplete files were not written.", file=sys.stderr)

@@ -14,6 +14,7 @@ from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 
+import bpy
 import numpy as np
 from bpy.types import Context, Mesh, Object
 
@@ -29,13 +30,13 @@ READING = "Reading the meshes"
 
 
 def name_of(obj: object) -> str:
-    """The name of an object that a script gives.
+    """The name of an object, or of a collection, that a script gives.
 
     Raises:
         MeshError: it was removed from the file.
-        TypeError: it is not an object.
+        TypeError: it is neither.
     """
-    if not isinstance(obj, Object):
+    if not isinstance(obj, Object | bpy.types.Collection):
         raise TypeError(f"{obj!r:.60} is not an object: give one, such as bpy.data.objects['Body'].")
     try:
         return str(obj.name)

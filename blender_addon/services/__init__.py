@@ -4,7 +4,6 @@
 Modules are imported on first use, as `services.wrap.prepare_wrap`.
 """
 
-import sys
 from importlib import import_module
 from typing import TYPE_CHECKING
 
@@ -42,7 +41,7 @@ else:
 
 async def load() -> None:
     """Import what nearly all work needs, without keeping the window waiting."""
-    if f"{__name__}.transfer" not in sys.modules:
+    if "transfer" not in globals():
         await compute(_import_modules)
 
 

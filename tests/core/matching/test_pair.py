@@ -85,7 +85,7 @@ def test_points_on_the_surface_need_only_the_nearest_vertex(pair: Pair, monkeypa
         (([0.0, 1.5], [2, 3]), "1.5 is not"),
         (([0.0, np.nan], [2, 3]), "nan is not"),
         (([], []), "no landmarks on the source"),
-        ((["a"], [2]), "list of numbers"),
+        ((["a"], [2]), "list of vertex numbers"),
         (([[0, 1], [2, 3], [4, 5]], [1, 2, 3]), r"vertex numbers \(m,\) or finite points \(m, 3\).*\(3, 2\)"),
         (([[0, 0, np.nan]], [1]), "finite points"),
         (np.array([[0, 1], [2, 3], [4, 5]]), "two lists"),
