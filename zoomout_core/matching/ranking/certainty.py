@@ -77,6 +77,10 @@ class CertaintyTuning(Tuning, set_by="correspondence"):
     # Ratio of the first map's distance from the image to the largest one, below which the rival comes first. It is at
     # least 0.96 for right maps; for wrong ones 0.14 to 0.82, and 1 if the right map is not among the candidates.
     image_apart: float = tuned(0.9, "1", 0, 1)
+    # Ratio of the energies of the finished maps of the rival and of the first, up to which the rival comes first. It is
+    # 1.02 to 1.15 where the rival is right (9 people at opposite strides), and 1.33 for a dog and a fox, where it is
+    # wrong.
+    image_energy: float = tuned(1.25, "1", 0, 100)
     unlikely: float = tuned(0.5, "probability", 0, 1)  # more hypotheses are tried below this certainty
 
 
@@ -171,7 +175,8 @@ def _sort_by_mirror_image(
     lead = best.scores["total"] - image.scores["total"] - CERTAINTY.image_lead
     doubt = CERTAINTY.image / (1 + _odds_of_rival(lead, CERTAINTY.rivalry))
     farthest = near[int(np.argmax(apart))]
-    order = [farthest, *(one for one in direct if one is not farthest)] if lead > 0 else direct
+    fits = farthest.scores.get(ENERGY, 0.0) <= CERTAINTY.image_energy * direct[0].scores.get(ENERGY, np.inf)
+    order = [farthest, *(one for one in direct if one is not farthest)] if lead > 0 and fits else direct
     return [replace(one, certainty=float(at.certainty / (1 + doubt))) for one, at in zip(order, direct, strict=True)]
 
 

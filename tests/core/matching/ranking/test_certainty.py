@@ -242,6 +242,17 @@ def test_the_map_farthest_from_a_much_better_mirror_image_comes_first() -> None:
         assert first_of(total, shift, lag) != "rival"
 
 
+@pytest.mark.parametrize(("ratio", "comes_first"), [(0.9, True), (1.1, True), (1.2, False)])
+def test_the_farthest_map_comes_first_unless_its_finished_map_fits_worse(ratio: float, comes_first: bool) -> None:
+    image, first, rival = candidate(0.0, 0.5, mirrored=True), candidate(4.0), candidate(5.5, -0.5)
+    energies = 0.05, 0.05 * ratio * CERTAINTY.image_energy / 1.15
+    first, rival = (
+        replace(one, scores=one.scores | {ENERGY: energy}) for one, energy in zip((first, rival), energies, strict=True)
+    )
+    ranked = sort_by_certainty([first, replace(rival, origin="rival"), image], line(), line())
+    assert (ranked[0].origin == "rival") == comes_first
+
+
 def test_mirror_images_of_cloth_are_rivals() -> None:
     direct, mirrored = candidate(5.0), candidate(0.0, 0.5, mirrored=True)
     ranked = sort_by_certainty([direct, mirrored], line(sides_are_known=False), line())
