@@ -22,10 +22,10 @@ Indices: TypeAlias = NDArray[np.signedinteger[Any]]
 Scalar = TypeVar("Scalar", bound=np.generic)
 
 
-def check_count(name: str, number: object, least: int = 1) -> None:
+def check_count(name: str, number: object, minimum: int = 1) -> None:
     """Raise a ValueError if a user's number is not an integer, or below a minimum."""
-    if isinstance(number, bool) or not isinstance(number, Integral) or number < least:
-        raise ValueError(f"{name} is {number!r}: give a whole number of {least} or more.")
+    if isinstance(number, bool) or not isinstance(number, Integral) or number < minimum:
+        raise ValueError(f"{name} is {number!r}: give a whole number of {minimum} or more.")
 
 
 def check_counts(**numbers: object) -> None:

@@ -97,8 +97,8 @@ class OrientedSurface:
             of_triangles = unit_vectors(area_normals(vertices, triangles)) * np.where(flipped, -1, 1)[:, None]
             normals = of_triangles[self._on]
         self._apart = 0.0 if group is None else APART * float(np.ptp(vertices, axis=0).max())
-        of_triangles = np.empty((len(triangles), 0)) if traits is None else traits
-        rows = self._rows(np.concatenate(places), normals, of_group[self._on], of_triangles[self._on])
+        own = np.empty((len(triangles), 0)) if traits is None else traits
+        rows = self._rows(np.concatenate(places), normals, of_group[self._on], own[self._on])
         self._tree = search_tree(rows)
 
     def has_group(self, group: Integers) -> Booleans:

@@ -38,7 +38,7 @@ class WholesTuning(Tuning, set_by="library"):
     # Minimum variation of surroundings of a part that is placed. A bowl, a sheet and a tube have 0.03 to 0.05, and fit
     # robots and rats with certainties up to 0.95; 17 heads, busts and upper bodies have 0.21 to 0.48.
     min_variation: float = tuned(0.1, "1", 0, 100)
-    # Certainty of a place as nearly a whole from which no other asset is tried, as the search for wholes follows.
+    # If a place is at least this certain, and the target is nearly a whole there, it is searched for as a whole.
     # Characters with open clothes have 0.89 and 0.98 on their own assets.
     likely: float = tuned(0.5, "probability", 0, 1)
 
@@ -59,14 +59,15 @@ class FoundWhole(NamedTuple):
 
 
 def find_wholes(part: Body, assets: Sequence[LibraryAsset], count: int | None = None) -> list[FoundWhole] | None:
-    """The assets of which a body may be a part, the most certain first; empty if it has no features.
-
-    None if it is nearly a whole.
+    """Find the assets of which a body may be a part.
 
     Args:
         part: the target's body.
         assets: the assets to search.
         count: the number of assets on which it is placed; by default `WholesTuning.placed`.
+
+    Returns:
+        The assets, the most certain first; empty if the body has no features, and None if it is nearly a whole.
     """
     shape = analyse_body(part.surface)
     with stage("Placing a part", 0.0, COMPARED):

@@ -160,16 +160,16 @@ def _sort_by_mirror_image(
 
     Then the bodies are in opposite poses, such as half a stride apart. A map that exchanges only the arms, or only the
     legs, may have a better score than the right one there, but agrees with the mirror image on these limbs. The right
-    map differs from the image in all limbs. No candidate is certain in this case, and certainties still fall.
+    map differs from the image in all limbs. The first one stays first if the finished map of the farthest fits much
+    worse. No candidate is certain in either case, and certainties still fall.
     """
     if not direct or not mirrored:
         return list(direct)
     best, image = (min(side, key=lambda one: one.scores["total"]) for side in (direct, mirrored))
     first = direct[0].scores["total"]
     near = [one for one in direct if one.scores["total"] - first < CERTAINTY.image_rival]
-    apart = [
-        np.average(apart, weights=areas) for areas, apart in (_differences(one, image, source, target) for one in near)
-    ]
+    differences = (_differences(one, image, source, target) for one in near)
+    apart = [np.average(distances, weights=areas) for areas, distances in differences]
     if apart[0] >= CERTAINTY.image_apart * max(apart):
         return list(direct)
     lead = best.scores["total"] - image.scores["total"] - CERTAINTY.image_lead

@@ -27,7 +27,7 @@ PIXELS = 96  # along a side of the square
 SLIT = 5  # pixels: narrower ends of openings depend on the triangles, and are filled in
 MIN_COLUMNS = 12  # of an opening
 SMOOTHING = 1.5  # of the rims, in pixels
-MAX_RATIO = 4.0  # of the areas of the openings of two persons: eyes that are nearly closed are as low as a third
+MAX_RATIO = 4.0  # of the areas of the openings of two persons: nearly closed eyes have a third of the usual area
 
 
 @dataclass(frozen=True, eq=False)

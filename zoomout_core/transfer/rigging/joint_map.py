@@ -38,16 +38,16 @@ class JointMapTuning(Tuning, set_by="outfits"):
         facing: the distance equivalent to a unit difference of normals when points of the skin are compared.
         other_limbs: the largest part of the target that a map may send to other limbs. Right maps of people in other
             builds and styles send .006 there at most, wrong ones at least .077.
+        times_own: the largest ratio of this part to that of the map by joints, which is no evidence against another map
+            if it sends much to other limbs itself. On characters with weapons bound to a finger, they are .80 and .035.
     """
 
     facing: float = tuned(0.1, "at unit area", 0, 10)
     other_limbs: float = tuned(0.03, "1", 0, 1)
+    times_own: float = tuned(4.0, "1", 0, 1000)
 
 
 JOINT_MAP = JointMapTuning()
-# A map by joints that itself sends much of a body to other limbs, relative to another map, is no evidence against that.
-# On characters with weapons bound to a finger, it sends .035 there, and the other map .80.
-MUCH_MORE = 4.0
 
 
 class RiggedBody(NamedTuple):
@@ -119,7 +119,7 @@ class SharedJoints(NamedTuple):
     def contradict(self, surface_map: SurfaceMap) -> bool:
         """Whether a map confuses limbs, but the map by the joints hardly does."""
         own, share = (self.share_on_other_limbs(each) for each in (self.map(), surface_map))
-        return share > max(JOINT_MAP.other_limbs, MUCH_MORE * own)
+        return share > max(JOINT_MAP.other_limbs, JOINT_MAP.times_own * own)
 
     def share_on_other_limbs(self, surface_map: SurfaceMap) -> float:
         """The share of the target's area that a map sends to a bone that is neither its own nor next to it."""

@@ -122,8 +122,8 @@ def correct_by_bones(
     """A mapped target, with its map corrected if the bones take it to the source's own body, see `correct_map`.
 
     A target in the pose and place of its source is left alone, and so is one without a trusted vertex that has weights.
-    The pose is found on few of the target's vertices, so that its size hardly matters. Arguments are those of
-    `find_pose`.
+    The pose is found on at most `RestTuning.coarse` of the target's vertices, and all are projected twice. Arguments
+    are those of `find_pose`.
     """
     coarse, nearby = _coarsen(mapped)
     if is_in_place(coarse.source, coarse.target):

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from mannequins import PARTS, STEP, Mannequin, mannequin
 from scipy.sparse import csr_array
 
@@ -71,6 +72,23 @@ def test_joints_contradict_a_map_that_confuses_legs() -> None:
     wrong = SurfaceMap.from_vertices(vertex, source.surface)
     assert joints.contradict(wrong)
     assert 0.1 < joints.share_on_other_limbs(wrong) < 0.3
+
+
+@pytest.mark.parametrize(
+    ("of_joints", "of_map", "contradicts"),
+    [(0.05, 0.3, True), (0.1, 0.3, False), (0.001, 0.02, False)],
+)
+def test_joints_contradict_only_maps_with_much_more_on_other_limbs(
+    monkeypatch: pytest.MonkeyPatch, of_joints: float, of_map: float, contradicts: bool
+) -> None:
+    _, _, joints = bodies()
+    given = joints.map()
+
+    def share(_: SharedJoints, surface_map: SurfaceMap) -> float:
+        return of_map if surface_map is given else of_joints
+
+    monkeypatch.setattr(SharedJoints, "share_on_other_limbs", share)
+    assert joints.contradict(given) == contradicts
 
 
 def test_unknown_rigs_share_no_joints() -> None:
