@@ -7,6 +7,7 @@ import pytest
 from character import character, pose_copy
 from scenes import positions
 
+import zoomout_core as zo
 from blender_addon import jobs
 from blender_addon.services.matching import bone_match
 from blender_addon.services.matching.match import match_objects
@@ -14,7 +15,7 @@ from blender_addon.services.matching.use_candidate import use_candidate_async
 from blender_addon.storage import stored_candidates
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.matching.report.verdict import RED
+from zoomout_core.matching.report.verdict import RED, Verdict
 
 
 @pytest.fixture
@@ -41,6 +42,15 @@ def test_bones_correct_the_match(pair, monkeypatch):
         match = match_objects(bpy.context, source, target, detail="fast")
     assert np.median(errors(corrected, source, truth)) < 0.6 * np.median(errors(match, source, truth))
     assert (corrected.confidence >= match.confidence).all()
+
+
+def test_bones_do_not_correct_a_match_that_is_probably_wrong(pair, monkeypatch):
+    source, target, _ = pair
+    corrected = []
+    monkeypatch.setattr(bone_match, "correct_by_bones", lambda mapped, *_: corrected.append(mapped) or mapped)
+    monkeypatch.setattr(zo.MatchResult, "verdict", property(lambda _: Verdict(RED, "It is probably wrong.", "")))
+    match_objects(bpy.context, source, target, detail="fast")
+    assert not corrected
 
 
 def test_exact_landmarks_are_met_after_the_correction(pair):

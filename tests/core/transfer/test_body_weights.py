@@ -107,3 +107,15 @@ def test_cloth_between_touching_limbs_does_not_follow_the_other_one() -> None:
     assert np.abs(mixed - given).max() > 0.2
     (found,) = follow_weights(before, after, [worn], [fitted], [given], shape=other.vertices)
     np.testing.assert_allclose(found.toarray(), given.toarray(), atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("below", "same", "clipped"),
+    [
+        ([0.9, 0.1], [0.1, 0.9], [0.8, 0.2]),  # at most four times the weight of the same skin
+        ([0.3, 0.7], [0.2, 0.8], [0.3, 0.7]),  # a little more is due to sliding
+        ([1.0, 0.0], [0.0, 1.0], [0.0, 1.0]),  # the skin of another limb only
+    ],
+)
+def test_weights_of_a_touching_limb_are_bounded(below: list[float], same: list[float], clipped: list[float]) -> None:
+    np.testing.assert_allclose(body_weights._clip(csr_array([below]), csr_array([same])).toarray(), [clipped])
