@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from functools import lru_cache
 from hashlib import blake2b
@@ -21,6 +22,7 @@ from zoomout_core.arrays import Booleans, Floats, Integers, SingleFloats
 from zoomout_core.evaluation import distance_distortion, flipped_share
 from zoomout_core.mesh.surface import Surface, vertex_numbers
 from zoomout_core.mesh.triangles import edge_graph
+from zoomout_core.runtime.threads import usable_cores
 
 # Largest factor by which a scaled target is larger or smaller.
 MAX_SCALE = 2.0
@@ -77,7 +79,8 @@ def measure(chosen: OfficialList, target_name: str, source_name: str, setting: S
     to itself; `distortion`, the mean change of geodesic distances.
 
     `flipped %` is the share of the target's area that the map turns over, nearly all if it exchanges left and right.
-    `seconds` pass during the match; `processor seconds` depend less on what else the machine computes.
+    `seconds` pass during the match; `processor seconds` depend less on what else the machine computes. `load` is the
+    number of running threads for each core, averaged over a minute, or None on systems that do not count them.
     """
     source, target = (zo.read_surface(chosen.shape_file(name)) for name in (source_name, target_name))
     seed = seed_of(chosen.name, target_name, source_name)
@@ -88,6 +91,7 @@ def measure(chosen: OfficialList, target_name: str, source_name: str, setting: S
     record: Record = {
         "seconds": perf_counter() - begin,
         "processor seconds": process_time() - begin_processor,
+        "load": os.getloadavg()[0] / usable_cores() if hasattr(os, "getloadavg") else None,
         "certainty": result.certainty,
         "flipped %": 100 * flipped_share(result.surface_map, *placed),
     }

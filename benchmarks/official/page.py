@@ -26,6 +26,8 @@ AGREEMENTS = "turned", "scaled", "mirrored", "cycle"
 # Percentage of the target's area above which a map that is turned over has left and right exchanged.
 TURNED_OVER = 50
 MAX_WRONG = 10
+# Running threads for each core above which other processes slow a match down, so that its seconds do not count.
+MAX_LOAD = 1.5
 # Columns of the table of all sets, before the best published methods.
 SUMMARY = (
     *("set", "input", "pairs", "of", "error", "without self-pairs", "success %", "mIoU", "all agree %"),
@@ -111,7 +113,7 @@ def as_page(folder: Path) -> str:
     if found["sets"]:
         lines += ["", as_markdown(found["sets"])]
     for name, about, records in sets_in(folder):
-        lines += ["", f"## {name}", "", *_sentences(about, found[name])]
+        lines += ["", f"## {name}", "", *_sentences(about, found[name], records)]
         lines += ["", as_markdown(found[name])]
         if found[f"{name}, published"]:
             lines += ["", "Beside published methods:", "", as_markdown(found[f"{name}, published"])]
@@ -189,11 +191,16 @@ def _certainty(records: Sequence[Record], certain: Sequence[Record]) -> Record:
 
 
 def _seconds(records: Sequence[Record]) -> Record:
+    undisturbed = [record for record in records if not _is_disturbed(record)]
     return {
-        "seconds": over(np.median, records, "seconds"),
-        "95 %": over(lambda values: np.percentile(values, 95), records, "seconds"),
+        "seconds": over(np.median, undisturbed, "seconds"),
+        "95 %": over(lambda values: np.percentile(values, 95), undisturbed, "seconds"),
         "processor seconds": over(np.median, records, "processor seconds"),
     }
+
+
+def _is_disturbed(record: Record) -> bool:
+    return (record.get("load") or 0) > MAX_LOAD
 
 
 def _wrong(about: Record, records: Sequence[Record]) -> list[Record]:
@@ -267,8 +274,8 @@ def _rank(row: Record, figure: str) -> float:
 # --- text and figures ---------------------------------------------------------------------------------------------
 
 
-def _sentences(about: Record, rows: Sequence[Record]) -> list[str]:
-    """The measured sample of a list, and the protocol's own description of it."""
+def _sentences(about: Record, rows: Sequence[Record], records: Sequence[Record]) -> list[str]:
+    """The measured sample of a list, the protocol's own description of it, and of which pairs the seconds are."""
     listed = [f"*List*: {about['protocol']['protocol']}"] if "protocol" in about["protocol"] else []
     whole = all(row["pairs"] == row["of"] for row in rows if row["of"])
     measured = (
@@ -280,7 +287,13 @@ def _sentences(about: Record, rows: Sequence[Record]) -> list[str]:
             + "."
         )
     )
-    return [*listed, *([""] if listed else []), measured]
+    undisturbed = sum(not _is_disturbed(record) for record in records)
+    timed = (
+        f"The seconds are of the {undisturbed} pairs during which at most {MAX_LOAD} threads ran for each core."
+        if undisturbed < len(records)
+        else ""
+    )
+    return [*listed, *([""] if listed else []), f"{measured} {timed}".rstrip()]
 
 
 def _curves(records: Sequence[Record]) -> dict[str, Floats]:

@@ -319,6 +319,16 @@ def test_the_page_follows_its_records(tmp_path: Path) -> None:
     assert "published methods" not in written(protocol={})
 
 
+def test_pairs_measured_beside_other_processes_have_no_seconds(tmp_path: Path) -> None:
+    records = [record("a", "b", 2.0) | {"load": 0.5}, record("b", "a", 9.0) | {"load": pages.MAX_LOAD + 0.1}]
+    (row,) = pages.rows_of("set", about(), records)
+    assert (row["error"], row["seconds"]) == (5.5, 2)
+    (tmp_path / "set.json").write_text(json.dumps(about()))
+    (tmp_path / "set.jsonl").write_text("\n".join(map(json.dumps, records)))
+    pages.write(tmp_path, tmp_path / "page.md")
+    assert "The seconds are of the 1 pairs during which" in (tmp_path / "page.md").read_text()
+
+
 def test_methods_with_only_published_overlap_are_sorted_by_it() -> None:
     published = {"mIoU_trained": [{"method": "B", "mIoU": 70.0}, {"method": "A", "mIoU": 80.0}], "source": "A paper"}
     rows = [{"input": "as is", "error": 5.0, "mIoU": 75.0}]
