@@ -28,7 +28,7 @@ from meshlab_filter.project import (
 from meshlab_filter.script import run_script
 from zoomout_core.assets.files import inputs_of
 from zoomout_core.batch import Job
-from zoomout_core.mesh.surface import MeshError
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.messages import note_lines
 from zoomout_core.runtime.outputs import PART, is_same_file
 

@@ -43,8 +43,9 @@ if TYPE_CHECKING:
     from zoomout_core.matching.report.verdict import Verdict
     from zoomout_core.matching.result import MatchResult, load_result
     from zoomout_core.matching.transfer_landmarks import TransferredLandmarks, transfer_landmarks
+    from zoomout_core.mesh.errors import MeshError
     from zoomout_core.mesh.formats.files import read_point_cloud, read_surface
-    from zoomout_core.mesh.surface import MeshError, PointCloud, Surface
+    from zoomout_core.mesh.surface import PointCloud, Surface
     from zoomout_core.runtime.progress import Cancelled, Progress, progress
     from zoomout_core.runtime.threads import set_threads
     from zoomout_core.spectral.descriptors import (
@@ -197,8 +198,9 @@ _HOMES = {
     "matching.result": ("MatchResult", "load_result"),
     "matching.transfer_landmarks": ("TransferredLandmarks", "transfer_landmarks"),
     "matching.report.verdict": ("Verdict",),
+    "mesh.errors": ("MeshError",),
     "mesh.formats.files": ("read_point_cloud", "read_surface"),
-    "mesh.surface": ("MeshError", "PointCloud", "Surface"),
+    "mesh.surface": ("PointCloud", "Surface"),
     "runtime.progress": ("Cancelled", "Progress", "progress"),
     "runtime.threads": ("set_threads",),
     "spectral.descriptors": ("heat_kernel_map", "heat_kernel_signature", "wave_kernel_map", "wave_kernel_signature"),

@@ -28,8 +28,8 @@ from zoomout_core.matching.option_table import (
 )
 from zoomout_core.matching.preparation.memory_cache import store_shapes
 from zoomout_core.matching.presets import resolve_detail
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.opening import existing
-from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.progress import Progress, progress
 from zoomout_core.text_arguments import STARTS, read_axis, read_values
 

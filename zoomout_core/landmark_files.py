@@ -21,9 +21,9 @@ from typing import Any
 import numpy as np
 
 from zoomout_core.arrays import Floats, Integers
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.opening import existing, file_bytes
 from zoomout_core.mesh.formats.text_tables import decode
-from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.outputs import atomic_write
 
 LPS, RAS = "LPS", "RAS"

@@ -15,7 +15,7 @@ import pytest
 from test_bad_maps import SURFACE, WHOLE, stating
 
 import zoomout_core as zo
-from zoomout_core.mesh.surface import MeshError
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.runtime.array_files import ArrayFileError, read_arrays
 from zoomout_core.runtime.input_files import ALWAYS_ALLOWED, ExpansionError, check_expansion, most_bytes
 

@@ -19,7 +19,7 @@ from scipy.sparse import csr_array
 import zoomout_core as zo
 from zoomout_core.cli import main
 from zoomout_core.matching.constraints import check_axes
-from zoomout_core.mesh.surface import MeshError
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.runtime.outputs import OutputError
 from zoomout_core.transfer import Blend
 

@@ -19,8 +19,9 @@ from zoomout_core.assets.gltf.move_skin import move_skin
 from zoomout_core.assets.keep_rest import keep_rest
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.affine_maps import normalise
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.memory import memory_in_words
-from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.messages import enumeration, message, plural
 from zoomout_core.runtime.progress import advance, portion, stage
 from zoomout_core.runtime.threads import on_one_blas_thread

@@ -23,8 +23,8 @@ from zoomout_core.library.report import figures_of_targets, lines_of_targets, wr
 from zoomout_core.library.search import FoundSource, FoundSources
 from zoomout_core.library.target_records import MADE, PICTURES, RECORDS
 from zoomout_core.library.transfers import Carry
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.folders import meshes_of_all
-from zoomout_core.mesh.surface import MeshError
 from zoomout_core.messages import message, note_figures, note_lines, probability
 from zoomout_core.runtime.outputs import check_inputs_outside, check_output
 

@@ -29,8 +29,8 @@ from zoomout_core.assets.transfer_asset import KINDS
 from zoomout_core.batch import check_folder, is_folder
 from zoomout_core.cli.report import json_option
 from zoomout_core.command_options import OptionError, compress_option, folders_option, progress_bar, tell
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.blender_files import ENDINGS as OF_BLENDER
-from zoomout_core.mesh.surface import MeshError
 from zoomout_core.messages import note_figures, note_lines
 from zoomout_core.runtime.outputs import check_output
 

@@ -49,8 +49,8 @@ from zoomout_core.command_options import (
 from zoomout_core.map_files import keep_map, save_match
 from zoomout_core.matching.pipeline import match
 from zoomout_core.matching.report.verdict import check_verdict, select_notes
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.blender_files import ENDINGS as OF_BLENDER
-from zoomout_core.mesh.surface import MeshError
 from zoomout_core.messages import note_figures, note_lines
 from zoomout_core.runtime.progress import portion
 from zoomout_core.transfer.keys.key_table import CONVENTIONS

@@ -11,7 +11,7 @@ from zoomout_core.collection.engine import Engine, Failure, Task, run_tasks
 from zoomout_core.collection.tasks import MESHES, place_of_map, transfer_pair
 from zoomout_core.collection.through_blender import carry_pair
 from zoomout_core.matching.report.verdict import check_verdict
-from zoomout_core.mesh.surface import MeshError
+from zoomout_core.mesh.errors import MeshError
 
 
 def carry(

@@ -34,9 +34,9 @@ from zoomout_core.collection.through_blender import read_items
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.options import MatchOptions
 from zoomout_core.matching.report.verdict import Verdict, judge
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.files import write_shape
 from zoomout_core.mesh.shapes import ShapeLike, as_shape, as_surface
-from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.array_files import ArrayFileError
 from zoomout_core.runtime.outputs import is_same_file, write_whole
 from zoomout_core.runtime.progress import Progress, listening, portion

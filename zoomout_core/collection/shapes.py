@@ -20,9 +20,10 @@ from zoomout_core.matching.options import MatchOptions
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 from zoomout_core.matching.preparation.memory_cache import cached_working_mesh
 from zoomout_core.matching.preparation.prepare import prepare_shape
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.files import read_shape
 from zoomout_core.mesh.shapes import as_surface
-from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.runtime.array_files import ArrayFileError, read_arrays
 from zoomout_core.runtime.progress import stage
 from zoomout_core.runtime.threads import on_one_blas_thread

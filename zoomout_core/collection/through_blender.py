@@ -16,6 +16,7 @@ from zoomout_core.assets.asset import COLOR, MATERIALS, NORMALS, SHAPE_KEYS, UV,
 from zoomout_core.collection.carried import Carried, forget_carried, read_carried, write_carried
 from zoomout_core.collection.engine import Engine, Failure, InThisProcess, Task, run_tasks
 from zoomout_core.collection.shapes import Item, content_key
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.blender_files import (
     ENDINGS,
     IMPORTED,
@@ -26,7 +27,6 @@ from zoomout_core.mesh.formats.blender_files import (
     write_surface,
 )
 from zoomout_core.mesh.formats.files import read_surface, write_shape
-from zoomout_core.mesh.surface import MeshError
 from zoomout_core.messages import Message, warning
 from zoomout_core.runtime.version import package_version
 

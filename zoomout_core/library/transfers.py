@@ -18,10 +18,11 @@ from zoomout_core.library.parts import FoundPart
 from zoomout_core.matching.pipeline import match
 from zoomout_core.matching.report.verdict import RED, check_verdict
 from zoomout_core.matching.result import MatchResult
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.blender_files import ENDINGS as OF_BLENDER
 from zoomout_core.mesh.formats.blender_files import IMPORTED, SOURCE, TARGET
 from zoomout_core.mesh.formats.files import read_surface
-from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.messages import message, warning
 from zoomout_core.runtime.progress import portion
 

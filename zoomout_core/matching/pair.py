@@ -14,7 +14,8 @@ from numpy.typing import ArrayLike
 
 from zoomout_core.arrays import Floats, Integers, to_array
 from zoomout_core.geometry.closest_points import closest_points
-from zoomout_core.mesh.surface import LARGEST_COORDINATE, MeshError, Surface, measurable, vertex_numbers
+from zoomout_core.mesh.errors import MeshError
+from zoomout_core.mesh.surface import LARGEST_COORDINATE, Surface, measurable, vertex_numbers
 from zoomout_core.messages import as_message, message
 
 if TYPE_CHECKING:

@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from zoomout_core.arrays import Booleans, Floats, Integers, fill_masked, to_array
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.reconstruction import triangulate_points
 from zoomout_core.mesh.triangles import triangle_areas, unit_vectors, vertex_areas
 from zoomout_core.mesh.triangulation import triangulate
 from zoomout_core.mesh.working_mesh import WorkingMesh, working_mesh
-from zoomout_core.messages import as_message, message
 from zoomout_core.runtime.summary import Summary
 
 # Larger coordinates overflow when areas are squared.
@@ -29,23 +29,6 @@ SMALLEST_EXTENT = 1e-75
 # A vertex this many times as far away as the median vertex cannot share faces with the others: compared with these
 # faces, all others would vanish in rounding. The second number is how many face corners the median is taken of.
 FARTHEST, MANY = 1e6, 10_000
-
-
-class MeshError(ValueError):
-    """A mesh that cannot be used; the message says in one sentence what is wrong and what to do.
-
-    Args:
-        text: the sentence, or a template with named fields, see `messages.message`.
-        values: values of these fields.
-
-    Example:
-        >>> zo.Surface([[0, 0, 0], [1, 0, 0], [2, 0, 0]], [[0, 1, 2]])
-        Traceback (most recent call last):
-        zoomout_core.mesh.surface.MeshError: The mesh has no area because all of its faces are degenerate: repair them.
-    """
-
-    def __init__(self, text: str = "", **values: object) -> None:
-        super().__init__(message(text, **values) if values else as_message(text))
 
 
 class Surface(Summary):

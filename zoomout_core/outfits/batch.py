@@ -19,9 +19,10 @@ from zoomout_core.collection.tasks import place_of_map
 from zoomout_core.drawing import encode_png
 from zoomout_core.matching.options import MatchOptions
 from zoomout_core.matching.report.verdict import AMBER, GREEN, Verdict, check_verdict, worst
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.files import write_shape
 from zoomout_core.mesh.formats.opening import existing, file_bytes
-from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.messages import from_json, message, to_json
 from zoomout_core.outfits.check import CheckedOutfit
 from zoomout_core.outfits.pictures import draw_outfit

@@ -14,9 +14,10 @@ from scipy.sparse import issparse
 
 from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.maps.surface_map import SurfaceMap, fault_of_map
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.shapes import ShapeLike, as_surface
-from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.runtime.threads import on_one_blas_thread
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind, element_count
 from zoomout_core.transfer.continuation import extrapolate_map

@@ -32,8 +32,9 @@ from zoomout_core.collection.tasks import Prepared, place_of_map
 from zoomout_core.matching.options import MatchOptions
 from zoomout_core.matching.preparation import memory_cache
 from zoomout_core.matching.presets import DETAIL
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.files import write_shape
-from zoomout_core.mesh.surface import MeshError, PointCloud
+from zoomout_core.mesh.surface import PointCloud
 from zoomout_core.messages import is_warning
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 

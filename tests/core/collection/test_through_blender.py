@@ -14,10 +14,10 @@ from creatures import creature
 from zoomout_core.assets.files import read_asset
 from zoomout_core.cli import main
 from zoomout_core.collection.through_blender import carry_pair
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats import blender_files
 from zoomout_core.mesh.formats.blender_files import blender_command
 from zoomout_core.mesh.formats.files import read_surface, write_shape
-from zoomout_core.mesh.surface import MeshError
 
 pytestmark = pytest.mark.usefixtures("few_candidates")
 

@@ -14,7 +14,8 @@ import zoomout_core as zo
 from zoomout_core.matching import pipeline
 from zoomout_core.matching.hypotheses import collect
 from zoomout_core.matching.ranking import rank as ranking
-from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.mesh.errors import MeshError
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.runtime.progress import Outlines
 from zoomout_core.spectral import eigenbasis
 

@@ -8,7 +8,7 @@ import pytest
 from scipy.sparse import csr_array
 from transfer_meshes import Sheet, identity, sheet, torus
 
-from zoomout_core.mesh.surface import MeshError
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.transfer import RULES, Attribute, Domain, Kind, transfer
 
 

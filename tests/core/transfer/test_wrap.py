@@ -12,7 +12,8 @@ from scipy.spatial.transform import Rotation
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.geometry.procrustes import procrustes
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.mesh.errors import MeshError
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import area_normals, triangle_areas, triangle_normals
 from zoomout_core.runtime.progress import Cancelled, Progress
 from zoomout_core.samples.spheres import ball

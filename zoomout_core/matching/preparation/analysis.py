@@ -15,7 +15,7 @@ from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.geometry.closest_points import Neighbourhoods
 from zoomout_core.maps.sampled_basis import SampledBasis
 from zoomout_core.matching.preparation.proxy import Proxy, make_proxy
-from zoomout_core.mesh.surface import MeshError
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.triangles import edge_graph
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.runtime.progress import advance, portion

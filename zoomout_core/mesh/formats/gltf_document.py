@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zoomout_core.arrays import Floats, Integers
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.gltf_files import GltfFile, data_of, read_gltf_file
 from zoomout_core.mesh.formats.gltf_tables import WIDTHS
 from zoomout_core.mesh.formats.image_types import TEXTURE_EXTENSIONS, image_type
 from zoomout_core.mesh.formats.opening import shown
-from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.extras import install_hint
 from zoomout_core.runtime.input_files import FormatError, OutsideError, reason_of
 

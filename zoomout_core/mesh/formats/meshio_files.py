@@ -14,10 +14,10 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.opening import existing, file_bytes, outside
 from zoomout_core.mesh.formats.polygons import Polygons, concatenate, starts
 from zoomout_core.mesh.formats.text_tables import text_lines
-from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.input_files import ExpansionError, OutsideError, beside, most_bytes
 
 ENDINGS = (".bdf", ".inp", ".mesh", ".meshb", ".msh", ".nas", ".su2", ".ugrid", ".vol", ".vtk", ".vtu", ".xdmf")
