@@ -21,9 +21,8 @@ if TYPE_CHECKING:
     from zoomout_core.collection.collection import CollectionResult, match_collection
     from zoomout_core.evaluation import geodesic_error
     from zoomout_core.geometry.shot import shot
+    from zoomout_core.library.found import FoundPart, FoundSource, FoundSources
     from zoomout_core.library.library import Library, Preparation, find_source
-    from zoomout_core.library.parts import FoundPart
-    from zoomout_core.library.search import FoundSource, FoundSources
     from zoomout_core.maps.consistent_zoomout import ConsistentMaps, consistent_zoomout
     from zoomout_core.maps.descriptor_fit import fit_functional_map
     from zoomout_core.maps.functional_map import (
@@ -177,8 +176,7 @@ _HOMES = {
     "evaluation": ("geodesic_error",),
     "geometry.shot": ("shot",),
     "library.library": ("Library", "Preparation", "find_source"),
-    "library.parts": ("FoundPart",),
-    "library.search": ("FoundSource", "FoundSources"),
+    "library.found": ("FoundPart", "FoundSource", "FoundSources"),
     "maps.consistent_zoomout": ("ConsistentMaps", "consistent_zoomout"),
     "maps.descriptor_fit": ("fit_functional_map",),
     "maps.functional_map": (

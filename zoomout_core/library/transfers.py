@@ -14,7 +14,7 @@ from zoomout_core.assets.asset import Asset, Skin
 from zoomout_core.assets.files import check_avatar, inputs_of, read_asset, write_asset
 from zoomout_core.assets.transfer_asset import KINDS, base_of, transfer_asset
 from zoomout_core.collection.through_blender import carry_pair, read_item
-from zoomout_core.library.parts import FoundPart
+from zoomout_core.library.found import FoundPart
 from zoomout_core.matching.pipeline import match
 from zoomout_core.matching.report.verdict import RED, check_verdict
 from zoomout_core.matching.result import MatchResult

@@ -23,9 +23,9 @@ from zoomout_core.colors import place_colors
 from zoomout_core.library import find_all as batch
 from zoomout_core.library import transfers
 from zoomout_core.library.bodies import Body, bodies_of
+from zoomout_core.library.found import FoundSource, FoundSources
 from zoomout_core.library.library import Library
 from zoomout_core.library.pictures import draw_bound, draw_colored
-from zoomout_core.library.search import FoundSource, FoundSources
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.formats.files import write_shape
 from zoomout_core.samples import creature
