@@ -26,8 +26,9 @@ from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.assets.asset import from_srgb, to_srgb
 from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.named_parts import NamedParts, name_parts
+from zoomout_core.mesh.point_cloud import PointCloud
 from zoomout_core.mesh.shapes import as_surface
-from zoomout_core.mesh.surface import PointCloud, Surface
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import unit_vectors
 from zoomout_core.transfer import Attribute, Domain, Kind
 

@@ -44,7 +44,8 @@ if TYPE_CHECKING:
     from zoomout_core.matching.transfer_landmarks import TransferredLandmarks, transfer_landmarks
     from zoomout_core.mesh.errors import MeshError
     from zoomout_core.mesh.formats.files import read_point_cloud, read_surface
-    from zoomout_core.mesh.surface import PointCloud, Surface
+    from zoomout_core.mesh.point_cloud import PointCloud
+    from zoomout_core.mesh.surface import Surface
     from zoomout_core.runtime.progress import Cancelled, Progress, progress
     from zoomout_core.runtime.threads import set_threads
     from zoomout_core.spectral.descriptors import (
@@ -198,7 +199,8 @@ _HOMES = {
     "matching.report.verdict": ("Verdict",),
     "mesh.errors": ("MeshError",),
     "mesh.formats.files": ("read_point_cloud", "read_surface"),
-    "mesh.surface": ("PointCloud", "Surface"),
+    "mesh.point_cloud": ("PointCloud",),
+    "mesh.surface": ("Surface",),
     "runtime.progress": ("Cancelled", "Progress", "progress"),
     "runtime.threads": ("set_threads",),
     "spectral.descriptors": ("heat_kernel_map", "heat_kernel_signature", "wave_kernel_map", "wave_kernel_signature"),

@@ -16,8 +16,9 @@ from scipy.sparse.csgraph import dijkstra
 
 from zoomout_core.arrays import Booleans, Floats, Integers, to_array
 from zoomout_core.maps.surface_map import SurfaceMap, folded_triangles
+from zoomout_core.mesh.input_checks import vertex_numbers
 from zoomout_core.mesh.shapes import ShapeLike, as_surface
-from zoomout_core.mesh.surface import Surface, vertex_numbers
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import edge_graph, triangle_areas, unique_edges
 
 # Places whose distances are computed at once; bounds the memory.

@@ -26,7 +26,7 @@ from meshlab_filter.stored import Correspondence, attribute_names, check_names, 
 from zoomout_core.arrays import Floats
 from zoomout_core.matching.presets import resolve_detail
 from zoomout_core.matching.refinement.confidence import cycle_error
-from zoomout_core.mesh.surface import vertex_numbers
+from zoomout_core.mesh.input_checks import vertex_numbers
 from zoomout_core.mesh.triangles import vertex_normals
 from zoomout_core.runtime.progress import portion, stage
 

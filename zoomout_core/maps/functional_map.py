@@ -15,8 +15,8 @@ from zoomout_core.geometry.closest_points import Neighbourhoods, project_to_embe
 from zoomout_core.maps.anchors import coordinates
 from zoomout_core.maps.nearest import nearest
 from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.mesh.input_checks import vertex_numbers
 from zoomout_core.mesh.shapes import ShapeLike, as_surface
-from zoomout_core.mesh.surface import vertex_numbers
 from zoomout_core.spectral.eigenbasis import SpectralBasis
 
 

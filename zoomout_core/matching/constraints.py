@@ -25,7 +25,8 @@ from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.pair import Pair, landmark_points, landmarks_on_parts, positions_of_part
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 from zoomout_core.matching.ranking.scores import IN_SPACE, UP_AXES, UPRIGHT, Disagreement, correlation
-from zoomout_core.mesh.surface import Surface, vertex_numbers
+from zoomout_core.mesh.input_checks import vertex_numbers
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import edge_graph
 
 Landmarks: TypeAlias = tuple[ArrayLike, ArrayLike]

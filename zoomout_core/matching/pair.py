@@ -15,7 +15,8 @@ from numpy.typing import ArrayLike
 from zoomout_core.arrays import Floats, Integers, to_array
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.mesh.errors import MeshError
-from zoomout_core.mesh.surface import LARGEST_COORDINATE, Surface, measurable, vertex_numbers
+from zoomout_core.mesh.input_checks import MAX_COORDINATE, measurable, vertex_numbers
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.messages import as_message, message
 
 if TYPE_CHECKING:
@@ -190,7 +191,7 @@ def on_surface(role: str, surface: Surface, points: Floats) -> tuple[Integers, F
             f"Landmarks on the {role} must be vertex numbers (m,) or finite points (m, 3), not {points.dtype} of "
             f"shape {points.shape}."
         )
-    near = np.where(measurable(points)[:, None], points, LARGEST_COORDINATE)  # or squares overflow
+    near = np.where(measurable(points)[:, None], points, MAX_COORDINATE)  # or squares overflow
     unit = float(np.sqrt(surface.area))
     triangle, barycentric = closest_points(near, surface.vertices, surface.triangles, ON_SURFACE * unit)
     corners = surface.triangles[triangle]

@@ -32,8 +32,9 @@ from zoomout_core.matching.report.notes import notes_on_input, notes_on_landmark
 from zoomout_core.matching.result import MatchResult, make_result, outline
 from zoomout_core.matching.retry import needs_retry, retry
 from zoomout_core.mesh.memory import memory_in_words
+from zoomout_core.mesh.point_cloud import PointCloud
 from zoomout_core.mesh.shapes import ShapeLike, as_shape, as_surface
-from zoomout_core.mesh.surface import PointCloud, Surface
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.runtime.progress import Progress, listening, portion, show_outlines, stage
 from zoomout_core.runtime.threads import for_each, in_one_thread, on_one_blas_thread, side_by_side
 

@@ -17,9 +17,10 @@ from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.options import MAX_ANGLE, MAX_DISTANCE
 from zoomout_core.mesh.errors import MeshError
+from zoomout_core.mesh.input_checks import measurable
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.shapes import ShapeLike, as_surface
-from zoomout_core.mesh.surface import Surface, measurable
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import border_edges, unit_vectors, vertex_areas
 from zoomout_core.messages import message
 from zoomout_core.runtime.progress import stage

@@ -22,7 +22,7 @@ from zoomout_core.matching.registration.smooth_warp import (
     warp,
 )
 from zoomout_core.matching.result import MatchResult, check_result
-from zoomout_core.mesh.surface import vertex_numbers
+from zoomout_core.mesh.input_checks import vertex_numbers
 from zoomout_core.mesh.triangles import area_normals, unit_vectors
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.runtime.progress import stage

@@ -22,8 +22,9 @@ from zoomout_core.geometry.closest_points import Neighbourhoods, project_to_embe
 from zoomout_core.geometry.sparse_solve import factorise
 from zoomout_core.mesh.decimation import decimate
 from zoomout_core.mesh.errors import MeshError
+from zoomout_core.mesh.point_cloud import PointCloud
 from zoomout_core.mesh.shapes import ShapeLike, as_shape, as_surface, from_working
-from zoomout_core.mesh.surface import PointCloud, Surface
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.runtime.progress import advance
 from zoomout_core.runtime.summary import Summary

@@ -10,7 +10,8 @@ from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Floats
 from zoomout_core.mesh.errors import MeshError
-from zoomout_core.mesh.surface import Surface, measurable
+from zoomout_core.mesh.input_checks import measurable
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.messages import message
 from zoomout_core.transfer.attribute import Attribute, Domain, mean_over_vertices
 

@@ -34,7 +34,7 @@ from zoomout_core.matching.preparation import memory_cache
 from zoomout_core.matching.presets import DETAIL
 from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.files import write_shape
-from zoomout_core.mesh.surface import PointCloud
+from zoomout_core.mesh.point_cloud import PointCloud
 from zoomout_core.messages import is_warning
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 

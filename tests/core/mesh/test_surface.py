@@ -10,7 +10,8 @@ import pytest
 from creatures import Creature
 
 from zoomout_core.mesh.errors import MeshError
-from zoomout_core.mesh.surface import PointCloud, Surface
+from zoomout_core.mesh.point_cloud import PointCloud
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_areas, triangle_normals
 
 SQUARE = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])

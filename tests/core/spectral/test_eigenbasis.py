@@ -13,7 +13,8 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 import zoomout_core as zo
 from zoomout_core.mesh.errors import MeshError
-from zoomout_core.mesh.surface import PointCloud, Surface
+from zoomout_core.mesh.point_cloud import PointCloud
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.spectral import eigenbasis as module
 from zoomout_core.spectral.eigenbasis import _is_complete, eigenbasis, eigenpairs
 from zoomout_core.spectral.laplacian import mesh_laplacian

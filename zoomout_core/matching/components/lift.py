@@ -19,7 +19,8 @@ from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 from zoomout_core.matching.preparation.proxy import Proxy
 from zoomout_core.matching.refinement.confidence import Partners
 from zoomout_core.matching.registration.nonrigid_icp import Fit, lift_fit, replace_images
-from zoomout_core.mesh.surface import Surface, measurable
+from zoomout_core.mesh.input_checks import measurable
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_areas
 from zoomout_core.messages import message, plural
 

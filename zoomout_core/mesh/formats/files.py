@@ -38,7 +38,8 @@ from zoomout_core.mesh.formats.usd_files import ENDINGS as OF_USD
 from zoomout_core.mesh.formats.usd_files import read_usd
 from zoomout_core.mesh.formats.xml_instances import check_instances
 from zoomout_core.mesh.memory import memory_in_words
-from zoomout_core.mesh.surface import PointCloud, Surface
+from zoomout_core.mesh.point_cloud import PointCloud
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.runtime.extras import install_hint
 from zoomout_core.runtime.input_files import FormatError, check_expansion
 from zoomout_core.runtime.outputs import atomic_write

@@ -8,7 +8,7 @@ import pytest
 
 from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.files import read_point_cloud, read_shape, read_surface
-from zoomout_core.mesh.surface import PointCloud
+from zoomout_core.mesh.point_cloud import PointCloud
 
 trimesh = pytest.importorskip("trimesh")
 
