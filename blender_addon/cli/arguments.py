@@ -265,7 +265,7 @@ def _add_symmetry(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--object", required=True, action="append", dest="objects", metavar="NAME", help="object; may be repeated"
     )
-    parser.add_argument("--anew", action="store_true", help="find symmetries again, even if an object has some")
+    parser.add_argument("--detect-again", action="store_true", help="find symmetries again, even if an object has some")
     _add_options(parser, DetectOptions)
     parser.add_argument("--use", type=_number(int, 1, None), metavar="N", help="use the Nth symmetry found")
     parser.add_argument("--swap-sides", action="store_true", help="swap left and right")
@@ -323,15 +323,15 @@ def _argument(flag: str, name: str, option: Any) -> tuple[str, dict[str, Any]]:
     }
 
 
-def _number(kind: type, least: float | None, most: float | None) -> Callable[[str], float]:
+def _number(kind: type, minimum: float | None, maximum: float | None) -> Callable[[str], float]:
     """A parser of numbers in a range."""
 
     def read(text: str) -> float:
         number: float = kind(text)
-        if least is not None and number < least:
-            raise argparse.ArgumentTypeError(f"{text} is less than {least:g}")
-        if most is not None and number > most:
-            raise argparse.ArgumentTypeError(f"{text} is more than {most:g}")
+        if minimum is not None and number < minimum:
+            raise argparse.ArgumentTypeError(f"{text} is less than {minimum:g}")
+        if maximum is not None and number > maximum:
+            raise argparse.ArgumentTypeError(f"{text} is more than {maximum:g}")
         return number
 
     read.__name__ = kind.__name__  # argparse uses it in the error where a text is not a number

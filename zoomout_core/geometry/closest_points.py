@@ -171,12 +171,12 @@ def _first_min(values: Floats, group: Integers) -> Integers:
     return hit[np.flatnonzero(np.diff(group[hit], prepend=-1))]
 
 
-def consecutive(sizes: Integers, most: int) -> list[Integers]:
+def consecutive(sizes: Integers, max_size: int) -> list[Integers]:
     """Divide items of sizes (q,) into consecutive blocks.
 
-    The sizes in a block, without its first, sum to less than `most`.
+    The sizes in a block, without its first, sum to less than `max_size`.
     """
-    return np.split(np.arange(len(sizes)), np.flatnonzero(np.diff(np.cumsum(sizes) // most)) + 1)
+    return np.split(np.arange(len(sizes)), np.flatnonzero(np.diff(np.cumsum(sizes) // max_size)) + 1)
 
 
 class Neighbourhoods:

@@ -116,7 +116,7 @@ def test_three_symmetries_of_a_vase_rank_first() -> None:
 )
 def test_all_rotations_and_reflections_are_found(figure: Figure, orders: list[int]) -> None:
     made = shape(figure, 2000, seed=1)
-    found = zo.detect_symmetry(made.surface, most=20)
+    found = zo.detect_symmetry(made.surface, max_count=20)
     assert sorted(symmetry.order for symmetry in found[: len(orders)]) == orders
     turns = [rigid_part(symmetry, made) for symmetry in found[: len(orders)]]
     assert max(off for _, off in turns) < 0.015
