@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from . import carry as carry
     from . import check_motion as check_motion
     from . import clear_data as clear_data
-    from . import constraints as constraints
     from . import dressing as dressing
     from . import expressions as expressions
     from . import face_landmarks as face_landmarks

@@ -20,8 +20,8 @@ from ...mesh_data import ObjectPair, Worn
 from ...scene.pair import check_not_edited, find_mesh, name_of, names_of
 from ...scene.stored_pair import stored_pair
 from ...storage import stored_match
-from ..constraints import check_options
 from ..matching.made_match import BY_SCRIPT, MatchUse, find_match, store_and_stop
+from ..matching.pair_match import check_options
 from ..targets import Write
 from .fit import fit_worn, notes_on_hidden_skin, notes_on_stretch
 from .read import READING, Dressing, check_unchanged, read_fitting, read_worn_object

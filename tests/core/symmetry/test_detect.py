@@ -206,7 +206,7 @@ def test_detection_reports_progress_and_can_be_cancelled(bent: Creature) -> None
         zo.detect_symmetry(creature(1000, seed=2).surface, progress=cancel)
 
 
-@pytest.mark.parametrize("wrong", [{"most": 0}, {"left": (0, 0, 0)}, {"left": (1, 0)}, {"k_final": 1}])
+@pytest.mark.parametrize("wrong", [{"max_count": 0}, {"left": (0, 0, 0)}, {"left": (1, 0)}, {"k_final": 1}])
 def test_invalid_options_are_refused(bent: Creature, wrong: dict) -> None:
     with pytest.raises(ValueError, match=next(iter(wrong))):
         zo.detect_symmetry(bent.surface, **wrong)
