@@ -21,7 +21,8 @@ from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.runtime.progress import advance, portion
 from zoomout_core.runtime.threads import side_by_side
 from zoomout_core.spectral.descriptors import mean_curvature, pseudo_scalar_signatures, signature_bands, unit_columns
-from zoomout_core.spectral.eigenbasis import SpectralBasis, eigenpairs
+from zoomout_core.spectral.eigenbasis import SpectralBasis
+from zoomout_core.spectral.lanczos import eigenpairs
 from zoomout_core.spectral.laplacian import mesh_laplacian
 from zoomout_core.spectral.sampling import farthest_points, voronoi_areas
 from zoomout_core.tuning import Tuning, tuned
