@@ -22,7 +22,7 @@ from zoomout_core.assets.asset import (
     material_numbers,
     to_rest,
 )
-from zoomout_core.assets.gltf.compress import QUANTIZED
+from zoomout_core.assets.gltf.compress_meshopt import QUANTIZED
 from zoomout_core.assets.stored_map import StoredMap, stored_map_from
 from zoomout_core.mesh.affine_maps import normalise
 from zoomout_core.mesh.errors import MeshError
