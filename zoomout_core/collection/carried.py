@@ -17,6 +17,29 @@ CARRIED = "carried"
 
 
 @dataclass(frozen=True)
+class PairTransfer:
+    """A transfer from one file to another, with a record of it.
+
+    Attributes:
+        source: the file with the data; for Blender also an asset in a .blend file, see `split_asset`.
+        target: the file that receives it.
+        map_file: a map between both.
+        output: the file to write.
+        kinds: kinds of data, from `assets.transfer_asset.KINDS`.
+        record: the file with the record.
+        move_rig: move the source's joints into the target, which keeps its size.
+    """
+
+    source: Path
+    target: Path
+    map_file: Path
+    output: Path
+    kinds: tuple[str, ...]
+    record: Path
+    move_rig: bool = False
+
+
+@dataclass(frozen=True)
 class Carried:
     """The outcome of a transfer to one mesh.
 

@@ -22,6 +22,7 @@ from zoomout_core.assets.files import read_asset, write_asset
 from zoomout_core.assets.transfer_asset import KINDS
 from zoomout_core.cli import main
 from zoomout_core.collection import collection, tasks
+from zoomout_core.collection.carried import PairTransfer
 from zoomout_core.collection.carry import carry
 from zoomout_core.collection.collection import match_collection
 from zoomout_core.collection.engine import Done, InThisProcess, Task
@@ -342,7 +343,8 @@ def test_transfer_that_was_interrupted_is_repeated(
     zo.SurfaceMap.from_vertices(np.arange(len(surface.vertices)), surface).save(tmp_path / "map.npz")
 
     def rig(move_rig: bool) -> float:
-        tasks.transfer_pair(hero, tubes[1] / "large.ply", tmp_path / "map.npz", output, ("weights",), record, move_rig)
+        paths = hero, tubes[1] / "large.ply", tmp_path / "map.npz", output
+        tasks.transfer_pair(PairTransfer(*paths, ("weights",), record, move_rig))
         return float(np.ptp(read_asset(output).surface.vertices, axis=0).max())
 
     size = rig(True)
