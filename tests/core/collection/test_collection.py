@@ -21,7 +21,8 @@ from zoomout_core.assets.asset import Asset, Material, material_numbers
 from zoomout_core.assets.files import read_asset, write_asset
 from zoomout_core.assets.transfer_asset import KINDS
 from zoomout_core.cli import main
-from zoomout_core.collection import collection, tasks
+from zoomout_core.collection import run as run_module
+from zoomout_core.collection import tasks
 from zoomout_core.collection.carried import PairTransfer
 from zoomout_core.collection.carry import carry
 from zoomout_core.collection.collection import match_collection
@@ -178,7 +179,7 @@ def test_wrong_map_is_replaced_and_the_choice_is_kept(
             np.zeros(kept + 1, dtype=bool),
         )
 
-    monkeypatch.setattr(collection, "load_candidate_maps", with_a_wrong_one)
+    monkeypatch.setattr(run_module, "load_candidate_maps", with_a_wrong_one)
     files = sorted(folder.glob("*.ply"))
     found = match_collection(files, tmp_path, pairs="all", options=FAST)
     assert found.agreement is not None
