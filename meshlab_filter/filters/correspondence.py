@@ -12,15 +12,8 @@ import zoomout_core as zo
 from meshlab_filter.catalogue import mesh_filter
 from meshlab_filter.filters.match_parameters import ACCURACY, MATCHING, SOURCE, STORED, STORED_OR_NEW, TARGET
 from meshlab_filter.filters.matches import find_correspondence, match_layers, report_on
-from meshlab_filter.mesh_data import (
-    Layer,
-    add_layer,
-    apply_native,
-    attribute_values,
-    check_target,
-    custom_names,
-    read_layer,
-)
+from meshlab_filter.layer import Layer
+from meshlab_filter.mesh_data import add_layer, apply_native, attribute_values, check_target, custom_names, read_layer
 from meshlab_filter.parameters import LENGTH, TEXT, Parameter, absolute_length
 from meshlab_filter.stored import Correspondence, attribute_names, check_names, partner_name, read_stored, store
 from zoomout_core.arrays import Floats

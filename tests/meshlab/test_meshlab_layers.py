@@ -12,7 +12,8 @@ import pytest
 from creature import STRAIGHT, creature, write_textured_obj
 from PIL import Image
 
-from meshlab_filter.mesh_data import COMPONENTS, CUSTOM, TEXCOORD, add_layer, check_target, read_layer
+from meshlab_filter.layer import TEXCOORD
+from meshlab_filter.mesh_data import COMPONENTS, CUSTOM, add_layer, check_target, read_layer
 from zoomout_core.mesh.errors import MeshError
 from zoomout_core.transfer import Domain, Kind
 
