@@ -14,7 +14,7 @@ from scipy.linalg import eigh
 from scipy.sparse import csc_array, diags_array
 
 from zoomout_core.arrays import Floats, check_counts, segment_sum
-from zoomout_core.geometry.closest_points import Neighbourhoods, project_to_embedding
+from zoomout_core.geometry.embedded_surface import Neighbourhoods, project_to_embedding
 from zoomout_core.mesh.decimation import decimate
 from zoomout_core.mesh.point_cloud import PointCloud
 from zoomout_core.mesh.shapes import ShapeLike, as_shape, as_surface, from_working

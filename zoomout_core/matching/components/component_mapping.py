@@ -10,7 +10,8 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from zoomout_core.arrays import Booleans, Floats, Integers
-from zoomout_core.geometry.closest_points import Neighbourhoods, closest_points, project_to_embedding
+from zoomout_core.geometry.closest_points import closest_points
+from zoomout_core.geometry.embedded_surface import Neighbourhoods, project_to_embedding
 from zoomout_core.geometry.procrustes import Moments, products
 from zoomout_core.maps.nearest import nearest
 from zoomout_core.maps.surface_map import SurfaceMap

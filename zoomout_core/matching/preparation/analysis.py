@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Floats, Integers
-from zoomout_core.geometry.closest_points import Neighbourhoods
+from zoomout_core.geometry.embedded_surface import Neighbourhoods
 from zoomout_core.maps.sampled_basis import SampledBasis
 from zoomout_core.matching.preparation.proxy import Proxy, make_proxy
 from zoomout_core.mesh.errors import MeshError

@@ -15,7 +15,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Floats, Integers
-from zoomout_core.geometry.closest_points import Neighbourhoods, SurfaceSearch, project_to_embedding
+from zoomout_core.geometry.closest_points import SurfaceSearch
+from zoomout_core.geometry.embedded_surface import Neighbourhoods, project_to_embedding
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.decimation import decimate
 from zoomout_core.mesh.surface import Surface

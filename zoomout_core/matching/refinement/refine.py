@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Floats, Integers
-from zoomout_core.geometry.closest_points import project_to_embedding
+from zoomout_core.geometry.embedded_surface import project_to_embedding
 from zoomout_core.maps.anchors import Anchors, coordinates
 from zoomout_core.maps.nearest import nearest, nearest_among
 from zoomout_core.maps.surface_map import SurfaceMap
