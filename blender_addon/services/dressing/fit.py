@@ -31,7 +31,7 @@ from zoomout_core.transfer.dressing.hidden_skin import keys_that_hide_skin
 from ...mesh_data import BodyKeys, OutfitBones, Worn
 from ...storage import stored_match
 from .read import Dressing, Fitting, Rigs
-from .worn_weights import Change, GroupWeights, clear_copies, follow_groups, weights_of_bones
+from .worn_weights import BodyPair, BoneNames, Change, GroupWeights, clear_copies, follow_groups, weights_of_bones
 
 # Fractions of the progress for giving the source the target's shape, and for fitting, before objects follow keys.
 SHAPING, FITTED = 0.8, 0.9
@@ -144,17 +144,10 @@ def _follow_weights(
     fit: Fit, fitting: Fitting, rigs: Rigs, weights: GroupWeights, body: zo.Surface, shape: Floats
 ) -> Fit:
     """Change the weights of the copies as those of the body below them change."""
-    changes = follow_groups(
-        weights,
-        {name: fit.pairs.get(name, name) for name in rigs.body.names},
-        rigs.outfit.names,
-        rigs.others.names,
-        (body, _vertices_of(body, fitting)),
-        shape,
-        fitting.target,
-        fitting.worn,
-        fit.dressed.vertices,
-    )
+    partners = {name: fit.pairs.get(name, name) for name in rigs.body.names}
+    names = BoneNames(partners, rigs.outfit.names, rigs.others.names)
+    bodies = BodyPair(body, _vertices_of(body, fitting), shape, fitting.target)
+    changes = follow_groups(weights, names, bodies, fitting.worn, fit.dressed.vertices)
     return replace(fit, weights=changes)
 
 
