@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Accuracy of transferred data, by our method and those that artists have, with the truth known at every corner."""
+"""Accuracy of transferred data by our method and by the tools of artists; the truth is known at every corner."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The work on objects of a scene, without interface: shared by operators, panels, the command line and `api`.
+"""Functions on objects of a scene, without an interface: operators, panels, the command line and `api` share them.
 
 Modules are imported on first use, as `services.wrap.prepare_wrap`.
 """

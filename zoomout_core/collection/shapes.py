@@ -82,7 +82,7 @@ class ShapeSummary:
         return np.asarray(cKDTree(self.points).query(surface.vertices[vertices])[1])
 
     def as_arrays(self) -> dict[str, Any]:
-        """Arrays whose file `load` reads."""
+        """Arrays for a file that `load` reads."""
         return {
             "key": np.frombuffer(bytes.fromhex(self.key), dtype=np.uint8),
             "samples": self.samples,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Add meshes with their joints and materials to a glTF document; all that it has stays as it is, byte for byte.
+"""Add meshes with their joints and materials to a glTF document, whose own data stay the same, byte for byte.
 
 New rows of its tables follow the old ones, so that the numbers that its extensions refer to remain valid.
 """
@@ -53,7 +53,7 @@ def append_to_gltf(
     path: Path,
     partners: Mapping[int, Partner] = MappingProxyType({}),
 ) -> tuple[str, ...]:
-    """Write a document, and an asset in addition, to a .glb or .vrm file; returns sentences about what was left out.
+    """Add an asset to a document, and write both to a .glb or .vrm file; returns sentences about lost data.
 
     Each object of the asset becomes a mesh on a node of its own. Expressions of an avatar that move a morph target also
     move that of the same name of an added mesh.
@@ -98,7 +98,7 @@ def append_to_gltf(
 
 
 def append_materials(base: Document, look: Document, numbers: Iterable[int]) -> Document:
-    """A copy of a document, with materials of another one, which have these numbers there, in addition."""
+    """A copy of a document with further materials, which have these numbers in another document."""
     made = GrowingDocument.of(base)
     copier = LookCopier(made, look)
     for number in numbers:
@@ -138,7 +138,7 @@ def _copy_mesh(mesh: dict[str, Any], copier: RowCopier, look: LookCopier | None)
 
 
 def _move_by_expressions(made: GrowingDocument, meshes: Sequence[int]) -> None:
-    """Let expressions of an avatar that move a morph target also move those of the same name of new meshes."""
+    """Extend expressions of an avatar to new meshes: they also move the morph targets of the same names."""
     rows, extensions = made.rows("meshes"), made.tree.get("extensions", {})
     places: dict[str, list[tuple[int, int]]] = {}
     for mesh in meshes:

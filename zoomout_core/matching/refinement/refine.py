@@ -55,7 +55,7 @@ class Schedule(NamedTuple):
 
 @dataclass(frozen=True)
 class RefinementTuning(Tuning, set_by="correspondence"):
-    """The rounds, and what positions in space weigh in them.
+    """The rounds, and the weights of positions in space.
 
     The weights of positions hold for shapes of the usual ratio of misses along the surface and in space. The less alike
     shapes are, the larger is that ratio, and the weights grow with its square, within limits.
