@@ -180,7 +180,7 @@ def custom_attributes(mesh: Mesh, name: str) -> list[Attribute]:
 def custom_names(ms: MeshSet, mesh_id: int) -> list[str]:
     """The names of a mesh's custom attributes that consist of letters, digits and underscores.
 
-    pymeshlab has no list of them, but can write them to PLY files, and lists what it can write.
+    pymeshlab has no list of them, but can write them to PLY files, and lists those.
     """
     check_mesh(ms, mesh_id)
     current = ms.current_mesh_id()

@@ -87,7 +87,7 @@ class Watch:
             return _run_script(self.script, path, *self.outputs(path))
         if is_project(path):
             return self._process_project(path)
-        assert self.source is not None  # otherwise a single mesh is no input
+        assert self.source is not None  # otherwise a single mesh is not an input
         return _transfer(self.source, [Job(path, *self.outputs(path))], self.detail)
 
     def _process_project(self, path: Path) -> list[str]:

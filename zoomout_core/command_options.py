@@ -78,7 +78,7 @@ def folders_option(command: Any) -> Any:
 
 
 def compress_option(command: Any) -> Any:
-    """Let a command compress the glTF files that it writes."""
+    """Add an option to compress the glTF files that a command writes."""
     option = click.option(
         "--compress",
         "compression",

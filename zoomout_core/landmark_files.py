@@ -87,7 +87,7 @@ def read_landmark_file(path: str | PathLike[str]) -> LandmarkSet:
     ending = landmark_ending(path)
     try:
         found = FORMATS[ending][0](decode(file_bytes(existing(path))))
-        FORMATS[ending][1](found)  # what it keeps of a document can be written
+        FORMATS[ending][1](found)  # the data that it keeps of a document can be written
     except MeshError:
         raise
     except (ValueError, csv.Error, RecursionError) as error:

@@ -26,7 +26,7 @@ from . import NAME
 MORE_CHOICES = {"detail": tuple(DETAIL)}
 LAYERS = tuple(name for name in LayerOptions.__annotations__ if name != "uv_layout")
 CHECKS = ("shape", "weights")
-# Commands that leave the open file as it is.
+# Commands that do not change the open file.
 READING = ("surface", "assets", "library", "outfits")
 
 
@@ -241,7 +241,7 @@ def _add_objects(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_pair(parser: argparse.ArgumentParser) -> None:
-    """Add options of which objects to match, and how."""
+    """Add options that choose the objects to match, and the way."""
     _add_objects(parser)
     parser.add_argument("--source-collection", metavar="NAME", help="collection of the meshes to copy data from")
     parser.add_argument("--target-collection", metavar="NAME", help="collection of the meshes that receive the data")

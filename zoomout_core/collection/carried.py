@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Records of what the meshes of a collection received, so that a repeated run transfers to none of them twice."""
+"""Records of the transfers to meshes of a collection, so that a repeated run transfers to none of them twice."""
 
 from __future__ import annotations
 

@@ -249,7 +249,7 @@ def transfer_pair(transfer: PairTransfer) -> Carried:
 def _folder_of_worker() -> Path:
     """The folder that a Dask worker removes when it ends; in other processes the temporary folder."""
     if "distributed" in sys.modules:
-        with suppress(ValueError):  # this process is no worker
+        with suppress(ValueError):  # this process is not a worker
             return Path(sys.modules["distributed"].get_worker().local_directory)
     return Path(tempfile.gettempdir())
 

@@ -220,7 +220,7 @@ def _positions_of_samples(pair: Pair) -> tuple[Floats, ...]:
 
 
 def _upright_agreement(places: Floats, images: Floats, weights: Floats) -> float:
-    """How well a map from places (s, 3) to images (s, 3), with weights (s,) that sum to one, keeps what is up.
+    """How well a map from places (s, 3) to images (s, 3), with weights (s,) that sum to one, keeps the up direction.
 
     It is 1 if heights along y or z are in proportion. If the map turns a shape upside down along one of these axes, the
     weight is the squared ratio of the extents along the other axis and this one. It is small for tall shapes. For long

@@ -99,7 +99,7 @@ def distinct_landmarks(
     both = source, target = tuple(np.atleast_1d(to_array(given, "Landmarks")) for given in landmarks)
     usable = all(given.ndim <= 2 and given.dtype.kind in "iuf" for given in both)
     if not usable or not 0 < len(source) == len(target):
-        return landmarks, ()  # `landmarks_on_parts` says what is wrong
+        return landmarks, ()  # `landmarks_on_parts` raises the error
     same = [(given[:, None] == given).reshape(len(given), len(given), -1).all(axis=2) for given in both]
     for (role, here), (other, there) in permutations(zip(("source", "target"), same, strict=True)):
         first, second = (np.argwhere(np.triu(here & ~there, 1)).tolist() or [(0, 0)])[0]

@@ -95,7 +95,7 @@ def transfer_landmarks(result: MatchResult, points: ArrayLike) -> TransferredLan
         points: (q, 3) points on or near the source's surface, in its frame and unit; or (q,) numbers of its vertices.
 
     Raises:
-        TypeError: it is no result of `match`.
+        TypeError: it is not a result of `match`.
         ValueError: the points are neither.
         LandmarkError: a point is not near the source's surface.
 

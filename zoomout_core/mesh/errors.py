@@ -7,7 +7,7 @@ from zoomout_core.messages import as_message, message
 
 
 class MeshError(ValueError):
-    """A mesh that cannot be used; the message says in one sentence what is wrong and what to do.
+    """A mesh that cannot be used; the message names the fault and a remedy, in one sentence.
 
     Args:
         text: the sentence, or a template with named fields, see `messages.message`.

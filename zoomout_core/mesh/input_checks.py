@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Checks of the arrays that a user gives for a mesh: positions, faces, edges, numbers of vertices.
 
-Errors report in one sentence what is wrong with them.
+Errors name the fault in one sentence.
 """
 
 from __future__ import annotations

@@ -154,7 +154,7 @@ def transfer(
         options: options of the attribute's kind; for weights see `weights.mix_weights`.
 
     Returns:
-        The attribute with values for the target; its notes say what the user should check.
+        The attribute with values for the target; its notes name places that the user should check.
 
     Raises:
         MeshError: the kind cannot be transferred on its domain, the values do not fit the source, or the map

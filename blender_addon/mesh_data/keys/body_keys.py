@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Shape keys of a body that drive keys of the same names on what it wears."""
+"""Shape keys of a body that drive keys of the same names on worn objects."""
 
 from __future__ import annotations
 

@@ -52,7 +52,7 @@ class LookCopier(RowCopier):
 
     Attributes:
         required: extensions that a reader must know to see the textures.
-        notes: sentences about what a material loses.
+        notes: sentences about lost properties of materials.
     """
 
     def __init__(self, made: GrowingDocument, document: Document) -> None:

@@ -53,7 +53,7 @@ class GrowingDocument:
         return len(self.rows(table)) - 1
 
     def add_view(self, content: bytes, about: dict[str, Any] | None = None) -> int:
-        """Add bytes, with what else their view has; returns its number."""
+        """Add bytes as a view with further properties; returns its number."""
         self.content.extend(bytes(-len(self.content) % 4))
         view = {**(about or {}), "buffer": 0, "byteOffset": len(self.content), "byteLength": len(content)}
         self.content.extend(content)

@@ -257,7 +257,7 @@ def register_places(places: Integers, region: Region) -> PartCandidate:
 def _fit(registered: RegisteredPart, part: IncompleteShape) -> dict[str, float]:
     """The scores of a registered part, its fit (the lowest is the most likely), and its area on the whole.
 
-    As evidence on what is up, one minus the mean cosine between an axis along which shapes stand and its image.
+    As evidence on the up direction, one minus the mean cosine between an axis along which shapes stand and its image.
     """
     areas = part.shape.basis.areas
     scores = registered.scores(areas)

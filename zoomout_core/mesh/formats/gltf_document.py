@@ -240,7 +240,7 @@ def _gltf_of(tree: dict[str, Any]) -> GLTF2:
 
 
 def _with_free_objects(part: dict[str, Any]) -> dict[str, Any]:
-    """A part of a document without free data that is no object, which pygltflib does not take."""
+    """A part of a document without free data that pygltflib rejects, because they are not objects."""
     return {name: value for name, value in part.items() if name != "extras" or isinstance(value, dict)}
 
 

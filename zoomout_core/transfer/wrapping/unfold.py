@@ -88,7 +88,7 @@ class Unfolding:
             for _ in range(release + release // 2 + 1):
                 held = np.maximum(held, self._means @ held)
             pull = np.maximum(pull * (1 - held), MIN_PULL)
-            # Released vertices move and rotate with their surroundings; what is farther away hardly moves.
+            # Released vertices move and rotate with their surroundings; vertices farther away hardly move.
             some = self._free_near(held > 0)
             advance((release + 1) / UNFOLD.releases)
         return self._flatten(positions)
