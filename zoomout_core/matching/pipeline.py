@@ -9,6 +9,8 @@ from functools import partial
 from itertools import pairwise
 from typing import Any
 
+import numpy as np
+
 from zoomout_core.arrays import Integers
 from zoomout_core.matching.attempt import ATTEMPTS, Attempt, best_of
 from zoomout_core.matching.components.bodies import Bodies, find_bodies, tight_bodies
@@ -214,7 +216,8 @@ def _find_candidates(pair: Pair, known: Constraints, options: MatchOptions) -> l
     automatic = options.initial in ("auto", "landmarks")
     with stage("Guessing", 0.0, 0.15):
         by_landmarks = hypothesis_of_landmarks(pair, known)
-        if by_landmarks is not None and known.landmarks is not None and len(known.landmarks[0]) >= MIN_LANDMARKS_SHOWN:
+        landmark_count = 0 if known.landmarks is None else len(np.asarray(known.landmarks[0]))
+        if by_landmarks is not None and landmark_count >= MIN_LANDMARKS_SHOWN:
             _show(pair, [upsample_hypothesis(by_landmarks, *shapes)[1]])
         earlier = None if options.initial_map is None else given_hypothesis(pair, options.initial_map)
         evidence = gather_evidence(pair, known, earlier) if options.initial == "auto" else known
