@@ -146,10 +146,12 @@ def _divergence(
     """
     vertices = np.flatnonzero(filled)
     count, patch = connected_components(graph[vertices][:, vertices], directed=False)
-    near = csr_array((np.ones(len(vertices)), (vertices, patch)), shape=(len(filled), count))
+    # Products with the few rows of patches take a fraction of the time of those with the rows of all vertices.
+    near = csr_array((np.ones(len(vertices)), (patch, vertices)), shape=(count, len(filled)))
     for _ in range(FILLING.rings):
-        near = near + graph @ near
-    rows, of_patch = near.nonzero()
+        near = near + near @ graph
+    near.sort_indices()
+    of_patch, rows = near.nonzero()
     rows, of_patch = rows[~filled[rows]], of_patch[~filled[rows]]
     share = 1 / np.bincount(of_patch, minlength=count)[of_patch]
     mean = csr_array((share, (of_patch, np.arange(len(rows)))), shape=(count, len(rows)))

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from zoomout_core.arrays import Booleans, Floats, Integers, any_in_row
+from zoomout_core.arrays import Booleans, Floats, Indices, Integers, any_in_row
 from zoomout_core.geometry.procrustes import SMALLEST
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.pair import Pair
@@ -107,9 +107,12 @@ def _fill_torn(
     known = meshes.known if meshes.known.any() else np.ones(len(edges), dtype=bool)
     limit = REPAIR.max_stretch * float(np.median((length / np.maximum(meshes.length, SMALLEST))[known]))
     torn = _torn(length, meshes.length, limit) & meshes.known
-    seams = _torn(length, meshes.length, limit * REPAIR.seam / REPAIR.max_stretch) & meshes.known
-    connected = _connected_share(meshes, seams)
-    filled = ((_to_fill(meshes, torn) & ~branches[member]) | bases[member]) & ~meshes.fixed
+    seams = torn | (_torn(length, meshes.length, limit * REPAIR.seam / REPAIR.max_stretch) & meshes.known)
+    patch = components(edges[meshes.known & ~seams], len(member))
+    connected = _connected_share(meshes, seams, patch)
+    joined = edges[meshes.known & seams & ~torn]  # seams that are no tears join patches
+    patch = components(patch[joined], int(patch.max()) + 1)[patch]
+    filled = ((_to_fill(meshes, torn, patch) & ~branches[member]) | bases[member]) & ~meshes.fixed
     if filled.any():
         beside = at_any(filled, edges)  # edges that the filling changes
         usual = limit / REPAIR.max_stretch * meshes.length[beside]
@@ -142,13 +145,13 @@ def _torn(length: Floats, own: Floats, limit: float) -> Booleans:
     return np.asarray((length / np.maximum(own, SMALLEST) > limit) & (length > REPAIR.min_length))
 
 
-def _connected_share(meshes: PairMeshes, torn: Booleans) -> Floats:
+def _connected_share(meshes: PairMeshes, torn: Booleans, patch: Indices) -> Floats:
     """(n,) the part of its component's area that each vertex is connected with along edges that are not torn (e,).
 
-    It is 1 on pieces of a component without a tear, even if they only touch the others.
+    The patches (n,) are those that these edges connect. The part is 1 on pieces of a component without a tear, even if
+    they only touch the others.
     """
     edges, areas, component = meshes.edges, meshes.areas, meshes.target.component
-    patch = components(edges[meshes.known & ~torn], len(areas))
     component_area = np.bincount(component, areas)[component]
     share = np.bincount(patch, areas)[patch] / np.maximum(component_area, SMALLEST)
     is_torn = np.zeros(len(areas), dtype=bool)  # by patch
@@ -156,10 +159,10 @@ def _connected_share(meshes: PairMeshes, torn: Booleans) -> Floats:
     return np.where(is_torn[patch], share, 1.0)
 
 
-def _to_fill(meshes: PairMeshes, torn: Booleans) -> Booleans:
-    """(n,) vertices near torn edges (e,) and on small patches that these cut off, on components mostly whole."""
+def _to_fill(meshes: PairMeshes, torn: Booleans, patch: Indices) -> Booleans:
+    """(n,) vertices near torn edges (e,) and on small patches (n,) that these cut off, on components mostly whole."""
     edges, areas, component = meshes.edges, meshes.areas, meshes.target.component
-    chosen = _connected_share(meshes, torn) < REPAIR.small_patch
+    chosen = _connected_share(meshes, torn, patch) < REPAIR.small_patch
     chosen[edges[torn]] = True
     chosen[edges[at_any(chosen, edges) & (meshes.length < REPAIR.around)]] = True
     whole = np.bincount(component, areas * ~chosen)[component]
