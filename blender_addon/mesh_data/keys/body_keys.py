@@ -38,6 +38,11 @@ class BodyKeys:
         """(n, 3) displacement of the body by the present values."""
         return np.einsum("nkx,k->nx", self.offsets, self.values)
 
+    @property
+    def at_rest(self) -> Floats:
+        """(n, 3) the same displacement in the rest pose, without correctives."""
+        return np.einsum("nkx,k->nx", self.offsets, np.where(self.is_corrective, 0, self.values))
+
 
 def read_body_keys(body: Object) -> BodyKeys | None:
     """The shape keys of a body; None if there are none, or they are absolute."""
