@@ -109,9 +109,10 @@ async def prepare_dress(
     used = found.match if by_joints is None else by_joints.surface_map
     with portion(found.done, 1):
         fit = await compute(partial(fit_worn, used, fitting, dressing))
+    on_match: tuple[str, ...] = ()
     if by_joints is not None:
         verdict = by_joints.verdict
-        fitting.notes[:0] = [verdict.sentence, verdict.advice]
+        on_match = verdict.sentence, verdict.advice
 
     def write() -> dict[str, Any]:
         check_not_edited(context, pair)
@@ -128,7 +129,13 @@ async def prepare_dress(
             "objects": made,
             "left_out": left_out,
             "verdict": None if verdict is None else verdict._asdict(),
-            "notes": [*fit.dressed.notes, *notes_on_stretch(fitting.worn, fit.dressed), *fitting.notes, *notes],
+            "notes": [
+                *on_match,
+                *fit.dressed.notes,
+                *notes_on_stretch(fitting.worn, fit.dressed),
+                *fitting.notes,
+                *notes,
+            ],
         }
 
     return write
