@@ -25,8 +25,8 @@ LIFTED_SINE = 0.05
 # An edge is hard if normals jump there by at least this part of the turn between its faces. Flat shading jumps by all
 # of it, smooth shading by none.
 HARD_JUMP = 0.5
-# Degrees by which faces turn at an edge below which it is neither hard nor smooth: quads are not exactly flat.
-SMALL_TURN = 5.0
+# Degrees by which faces turn at an edge below which it is neither hard nor smooth, as normals hardly differ there.
+SMALL_TURN = 15.0
 # Target vertices for each triangle of the source that they are on, above which the target is finer than the source. It
 # is 1 if far coarser, 1.3 for equal numbers of faces, and at least 1.8 for skins of voxels, which get worse if flat.
 FINER = 1.5
