@@ -219,3 +219,18 @@ def test_unknown_uvs_of_a_vertex_are_those_around_it_on_each_island(across: floa
     found = transfer_uvs(broken, identity(surface), surface, surface).values
     np.testing.assert_allclose(found[~unknown], uv[~unknown], atol=1e-9)
     assert np.abs(found - uv)[unknown].max() < (1e-9 if across < 0.5 else 0.6 / 19)
+
+
+def mirrored_uvs(surface: Surface) -> np.ndarray:
+    """(c, 2) UVs of a plate whose right half shows the texture of the left one."""
+    return np.abs(corners(surface) - [0.5, 0.0])
+
+
+@pytest.mark.parametrize("columns", [9, 10])
+def test_faces_across_the_middle_of_mirrored_uvs_are_reported(columns: int) -> None:
+    # The middle of nine columns of faces is across the fold; ten columns have an edge there.
+    source, target = plate(20, 12), plate(columns, 8)
+    notes = transfer_uvs(mirrored_uvs(source), nearest_map(target.vertices, source), source, target).notes
+    found = [note for note in notes if "the source's UVs are mirrored" in note]
+    assert len(found) == (columns == 9)
+    assert all(note.startswith("UVMap: 11.1% of the area is on faces across which") for note in found)
