@@ -32,7 +32,7 @@ WRONG, WRONG_IF_FAR = 80, 130
 SHARES, DRAWS = (0.1, 0.2, 0.3), 3
 
 
-def run(data: Path, most: int | None, workers: int = 2) -> Tables:
+def run(data: Path, max_count: int | None, workers: int = 2) -> Tables:
     """Match collections.
 
     `rows`: for each class of a set how many maps are wrong before and after they were made consistent, how many were
@@ -41,12 +41,12 @@ def run(data: Path, most: int | None, workers: int = 2) -> Tables:
 
     Args:
         data: a folder with some of the sets `SETS`.
-        most: shapes of each class; all if not given.
+        max_count: shapes of each class; all if not given.
         workers: processes to match in.
     """
     rows, records, flips = [], [], []
     with tempfile.TemporaryDirectory() as folder:
-        for number, (name, kind, files) in enumerate(tqdm(list(classes(data, most)), leave=False)):
+        for number, (name, kind, files) in enumerate(tqdm(list(classes(data, max_count)), leave=False)):
             place = Path(folder) / str(number)
             with local_engine(workers, retries=0) as engine:
                 alone = match_collection(
@@ -76,7 +76,7 @@ def run(data: Path, most: int | None, workers: int = 2) -> Tables:
     return {"rows": rows, "flips": flips, NOT_SHOWN: records}
 
 
-def classes(data: Path, most: int | None) -> Iterator[tuple[str, str, list[Path]]]:
+def classes(data: Path, max_count: int | None) -> Iterator[tuple[str, str, list[Path]]]:
     """Set, class and files of each collection: shapes with known correspondences to each other."""
     for name in SETS:
         truth_file = data / name / CORRESPONDENCE
@@ -95,7 +95,7 @@ def classes(data: Path, most: int | None) -> Iterator[tuple[str, str, list[Path]
             kinds = {f"all with {count} places": files for count, files in together.items()}
         for kind, files in kinds.items():
             if len(files) > 2:
-                yield name, kind, evenly(files, most)
+                yield name, kind, evenly(files, max_count)
 
 
 def errors_of(result: CollectionResult, folder: Path) -> dict[PairName, float]:

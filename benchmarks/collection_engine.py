@@ -25,7 +25,7 @@ NAP, NAPS = 2.0, 20
 PLANNED, NEIGHBOURS = 10_000, 4
 
 
-def run(data: Path, most: int | None, planned: int = PLANNED) -> Tables:
+def run(data: Path, max_count: int | None, planned: int = PLANNED) -> Tables:
     """Measure the engine.
 
     `throughput`: shapes of `faust_r` to a template, without prepared bases: by a loop over `zo.match` in one thread
@@ -34,10 +34,10 @@ def run(data: Path, most: int | None, planned: int = PLANNED) -> Tables:
 
     Args:
         data: the benchmark data.
-        most: number of shapes; 25 if omitted.
+        max_count: number of shapes; 25 if omitted.
         planned: shapes of the plan.
     """
-    files = evenly(sorted((data / "faust_r").glob("*.off")), most or 25)
+    files = evenly(sorted((data / "faust_r").glob("*.off")), max_count or 25)
     return {
         "throughput": [_loop(files, 1), _loop(files, None), *(_collection(files, workers) for workers in (1, 2))],
         "overhead": [_naps(workers) for workers in (1, 2)],

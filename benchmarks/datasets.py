@@ -61,7 +61,7 @@ class PairOfMeshes:
         An image on a loose part has no distance to the body, and counts as none.
         """
         known = self.target_vertex, self.source_vertex
-        errors = 1000 * geodesic_error(np.maximum(maps, 0), self.source, *known, most=len(self.target_vertex))
+        errors = 1000 * geodesic_error(np.maximum(maps, 0), self.source, *known, max_count=len(self.target_vertex))
         return np.where((maps[self.target_vertex] < 0) | np.isinf(errors), np.nan, errors)
 
     def mirrored_error(self, vertex: Integers) -> float | None:
@@ -111,14 +111,14 @@ class PairOfParts:
         """(n_s,) which source vertices correspond to some part of the target."""
         return region_of(self.truth, self.source)
 
-    def errors(self, vertex: Integers, most: int) -> Floats:
-        """(c,) geodesic errors, times 1000, of a vertex map (n_t,) at `most` places that have a partner; NaN for no
-        image.
+    def errors(self, vertex: Integers, max_count: int) -> Floats:
+        """(c,) geodesic errors, times 1000, of a vertex map (n_t,) at up to `max_count` places that have a partner;
+        NaN for no image.
 
         An image on a loose part has no distance to the body, and counts as none.
         """
         known = np.flatnonzero(self.truth >= 0)
-        places = known[np.unique(np.linspace(0, len(known) - 1, min(most, len(known))).astype(int))]
+        places = known[np.unique(np.linspace(0, len(known) - 1, min(max_count, len(known))).astype(int))]
         errors = 1000 * geodesic_error(vertex, self.source, places, self.truth[places], len(places))
         return np.where((vertex[places] < 0) | np.isinf(errors), np.nan, errors)
 
@@ -142,10 +142,10 @@ def sets_of_parts_in(folder: Path) -> list[Path]:
     return sorted({path.parent for mark in (TRUTH, f"*/{TRUTH}") for path in folder.glob(mark)})
 
 
-def part_names(folder: Path, most: int | None, kinds: Collection[str] = tuple(PARTS.values())) -> list[str]:
-    """The pairs of a set of the given kinds, or `most` of them evenly spread over the list."""
+def part_names(folder: Path, max_count: int | None, kinds: Collection[str] = tuple(PARTS.values())) -> list[str]:
+    """The pairs of a set of the given kinds, or `max_count` of them evenly spread over the list."""
     names = sorted(_truth(folder / TRUTH))
-    return evenly([name for name in names if kind_of_part(name) in kinds], most)
+    return evenly([name for name in names if kind_of_part(name) in kinds], max_count)
 
 
 def is_far(name: str) -> bool:
@@ -153,21 +153,21 @@ def is_far(name: str) -> bool:
     return "nonisometric" in name or name.startswith("smal")
 
 
-def evenly(items: Sequence[Item], most: int | None) -> list[Item]:
-    """All items, or `most` of them evenly spread over the list."""
-    if most is None or most >= len(items):
+def evenly(items: Sequence[Item], max_count: int | None) -> list[Item]:
+    """All items, or `max_count` of them evenly spread over the list."""
+    if max_count is None or max_count >= len(items):
         return list(items)
-    return [items[i] for i in np.linspace(0, len(items) - 1, most).round().astype(int)]
+    return [items[i] for i in np.linspace(0, len(items) - 1, max_count).round().astype(int)]
 
 
-def pair_names(folder: Path, most: int | None) -> list[tuple[str, str]]:
-    """The pairs of a set in both directions, or `most` of them evenly spread over the list."""
+def pair_names(folder: Path, max_count: int | None) -> list[tuple[str, str]]:
+    """The pairs of a set in both directions, or `max_count` of them evenly spread over the list."""
     if (folder / TEMPLATE).is_file():
         lines = _every_kind_against_every_kind(folder)
     else:
         listed = [line.split() for line in (folder / "pairs.txt").read_text().splitlines() if line.strip()]
         lines = listed + [pair[::-1] for pair in listed if pair[::-1] not in listed]
-    return [(first, second) for first, second in evenly(lines, most)]
+    return [(first, second) for first, second in evenly(lines, max_count)]
 
 
 def load_pair(folder: Path, target_name: str, source_name: str) -> PairOfMeshes:
@@ -219,11 +219,11 @@ def _is_complete(maps: Mapping[str, Integers], target: str, source: str) -> bool
     return name in maps and bool(maps[name].min() >= 0)
 
 
-def shapes_with_symmetry(folder: Path, most: int | None) -> list[str]:
-    """The shapes of a set whose mirror images are known, or `most` of them evenly spread over the list."""
+def shapes_with_symmetry(folder: Path, max_count: int | None) -> list[str]:
+    """The shapes of a set whose mirror images are known, or `max_count` of them evenly spread over the list."""
     path = folder / CORRESPONDENCE
     truth = _truth(path) if path.is_file() else {}
-    return evenly([name.removesuffix(".sym") for name in truth if name.endswith(".sym")], most)
+    return evenly([name.removesuffix(".sym") for name in truth if name.endswith(".sym")], max_count)
 
 
 def mirrored_places(folder: Path, name: str) -> tuple[Surface, Integers, Integers]:

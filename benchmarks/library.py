@@ -22,8 +22,9 @@ from benchmarks.generate.things import THINGS, thing
 from benchmarks.outfits.clothes import Wardrobe
 from benchmarks.tables import NOT_SHOWN, Record, Tables, over
 from zoomout_core.assets.files import read_asset
+from zoomout_core.library.bodies import LibraryAsset
 from zoomout_core.library.library import Library
-from zoomout_core.library.search import LibraryAsset, search
+from zoomout_core.library.search import search
 from zoomout_core.matching.report.verdict import VERDICT
 from zoomout_core.mesh.affine_maps import blend_matrices, transform_points
 from zoomout_core.mesh.formats.files import write_shape

@@ -86,9 +86,9 @@ def draw_views(path: Path, rows: Sequence[Sequence[View]]) -> None:
     figure.savefig(path, dpi=110)
 
 
-def heat(errors: Floats, most: float) -> Floats:
-    """(n, 3) colours of errors, from white for 0 through yellow and red to black for `most` and more."""
-    return np.asarray(colormaps["hot"](1 - np.clip(np.nan_to_num(errors / most, nan=1.0), 0, 1))[:, :3])
+def heat(errors: Floats, max_error: float) -> Floats:
+    """(n, 3) colours of errors, from white for 0 through yellow and red to black for `max_error` and more."""
+    return np.asarray(colormaps["hot"](1 - np.clip(np.nan_to_num(errors / max_error, nan=1.0), 0, 1))[:, :3])
 
 
 def spread(values: Floats, places: Integers, surface: Surface) -> Floats:

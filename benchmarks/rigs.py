@@ -21,7 +21,7 @@ from zoomout_core.geometry.procrustes import procrustes
 from zoomout_core.library.search import misfit_of
 from zoomout_core.mesh.affine_maps import blend_matrices, transform_points
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
-from zoomout_core.transfer.rigging.rig import joints_of_bones, place_joints
+from zoomout_core.transfer.rigging.rig import Deformation, joints_of_bones, place_joints
 
 # Builds on which the numbers of `RigTuning` were set; the others judge them.
 TUNED_ON = ("woman", "man", "child", "muscular_man", "slim_woman")
@@ -137,9 +137,9 @@ def _methods(case: _Case, match: zo.MatchResult) -> Iterator[tuple[str, Floats, 
     moved = zo.move_rig(match, source, case.target.surface, joints, parents).positions
     yield PRODUCT, moved[: len(bones.names)], process_time() - begin
     begin = process_time()
-    moved = place_joints(
-        source.vertices, case.same.surface.vertices, source.vertex_areas, unit, joints, parents
-    ).positions
+    same = case.same.surface
+    deformation = Deformation(source.vertices, same.vertices, source.vertex_areas, unit, same)
+    moved = place_joints(deformation, joints, parents).positions
     yield BY_TRUE_MAP, moved[: len(bones.names)], process_time() - begin
     begin = process_time()
     yield AROUND, _around(case, match, bones.heads), process_time() - begin

@@ -57,17 +57,17 @@ def run(data: Path, pairs: int | None, pictures: Path | None = None) -> Tables:
     return {"rows": _rows(records), NOT_SHOWN: records}
 
 
-def pairs_in(data: Path, most: int | None) -> Iterator[Pair]:
+def pairs_in(data: Path, max_count: int | None) -> Iterator[Pair]:
     """Set, name, source and target of the pairs."""
     if (folder := data / "faust_r").is_dir():
         two_persons = [names for names in pair_names(folder, None) if names[0][:-1] != names[1][:-1]]
-        yield from _load("people", folder, evenly(two_persons, most or PEOPLE))
+        yield from _load("people", folder, evenly(two_persons, max_count or PEOPLE))
     if (folder := data / "smal_r").is_dir():
-        yield from _load("animals", folder, pair_names(folder, most or ANIMALS))
+        yield from _load("animals", folder, pair_names(folder, max_count or ANIMALS))
     if (folder := data / "characters" / "game").is_dir():
         from benchmarks.characters.cases import first_pairs  # it starts Blender, which must come before pymeshlab
 
-        for case in islice(first_pairs(folder), most or CHARACTERS):
+        for case in islice(first_pairs(folder), max_count or CHARACTERS):
             yield "characters", case.name.replace(" ", "_"), case.source, case.target
 
 

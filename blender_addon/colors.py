@@ -26,9 +26,9 @@ BLENDED = 4
 RED_LENGTH, RED_WEIGHT = 0.01, 0.1
 
 
-def asymmetry_colors(values: Floats, most: float) -> Floats:
-    """(n, 3) colours of differences (n,) between the sides: good at 0, bad from `most` on."""
-    return confidence_colors(1 - values / most)
+def asymmetry_colors(values: Floats, max_value: float) -> Floats:
+    """(n, 3) colours of differences (n,) between the sides: good at 0, bad from `max_value` on."""
+    return confidence_colors(1 - values / max_value)
 
 
 def blend_colors(points: Floats, known: Integers, colors: Floats) -> Floats:

@@ -18,7 +18,7 @@ from numbers import Integral
 from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 from meshlab_filter.parameters import LENGTH, Parameter
-from zoomout_core.mesh.surface import MeshError
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.runtime.progress import advance, listening, stage
 
 if TYPE_CHECKING:

@@ -47,7 +47,7 @@ from zoomout_core.command_options import (
 )
 from zoomout_core.global_options import quiet_option, threads_option
 from zoomout_core.matching.option_table import OPTIONS
-from zoomout_core.mesh.surface import MeshError
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.messages import NO_MEMORY, note_lines
 from zoomout_core.runtime.interrupts import INTERRUPTED
 from zoomout_core.runtime.outputs import check_output

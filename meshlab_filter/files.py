@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, TypeAlias
 
 from meshlab_filter.mesh_data import custom_in_ply
 from meshlab_filter.trial import fault_of_file
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.files import read_polygons
 from zoomout_core.mesh.formats.named_files import check_named_files
 from zoomout_core.mesh.formats.opening import outside
-from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.extras import install_hint
 from zoomout_core.runtime.input_files import OutsideError, beside
 from zoomout_core.runtime.outputs import atomic_write_together, is_same_file

@@ -11,7 +11,7 @@ loading.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,23 +21,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from meshlab_filter.catalogue import check_mesh
+from meshlab_filter.layer import TEXCOORD, Layer
+from meshlab_filter.layer_ply import encode_ply
 from meshlab_filter.textures import Textures, save_images, texture_coordinates, texture_numbers
-from zoomout_core.arrays import Booleans, Floats, Integers
-from zoomout_core.assets.asset import from_srgb, to_srgb
-from zoomout_core.mesh.named_parts import NamedParts, name_parts
+from zoomout_core.arrays import Booleans, Floats
+from zoomout_core.assets.asset import from_srgb
+from zoomout_core.mesh.errors import MeshError
+from zoomout_core.mesh.point_cloud import PointCloud
 from zoomout_core.mesh.shapes import as_surface
-from zoomout_core.mesh.surface import MeshError, PointCloud, Surface
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import unit_vectors
 from zoomout_core.transfer import Attribute, Domain, Kind
 
 if TYPE_CHECKING:
     from pymeshlab import Mesh, MeshSet
-
-# Bits of the flags of vertices and faces in MeshLab's PLY files.
-SELECTED = 0x20
-FAUX = np.array([0x40000, 0x80000, 0x100000])
-
-TEXCOORD = "texcoord"
 
 
 @dataclass(frozen=True)
@@ -88,59 +85,6 @@ CUSTOM = {
 }
 # Prefixes of the parameters with which pymeshlab writes custom attributes to a PLY file, such as `__ca_vs__NAME`.
 IN_PLY = "__ca_"
-
-
-@dataclass(frozen=True, eq=False)
-class Layer:
-    """A layer of a MeshSet as arrays: n vertices and m triangles.
-
-    Attributes:
-        label: its name.
-        shape: the triangles, or the points, in the global frame.
-        vertices: (n, 3) positions, in the layer's own frame.
-        normals: (n, 3) vertex normals.
-        edges: (e, 2) vertex indices of polylines.
-        faux: (m, 3) whether the edge from each corner to the next is inside a polygon.
-        transform: (4, 4) from the layer's frame to the global one.
-        components: by name those of `COMPONENTS` that the layer has, with scene-linear colours; as `TEXCOORD` its
-            texture coordinates (3 m, 2) at the corners of the triangles.
-        custom: custom attributes.
-        textures: the textures that the texture coordinates refer to.
-        texture: (m,) the index of each triangle's texture; None without texture coordinates.
-    """
-
-    label: str
-    shape: Surface | PointCloud
-    vertices: Floats
-    normals: Floats
-    edges: Integers
-    faux: Booleans
-    transform: Floats
-    components: dict[str, Attribute]
-    custom: tuple[Attribute, ...]
-    textures: Textures | None
-    texture: Integers | None
-
-    @property
-    def surface(self) -> Surface:
-        """The layer's triangles, or those reconstructed from its points."""
-        return as_surface(self.shape)
-
-    @property
-    def parts(self) -> NamedParts:
-        """The parts of the surface: MeshLab keeps no names but those of textures."""
-        if self.textures is None or self.texture is None:
-            return name_parts(self.surface)
-        return name_parts(self.surface, materials=self.textures.names, material_of=self.texture)
-
-    @property
-    def faces(self) -> Integers:
-        """(m, 3) vertex indices of the layer's own triangles; points have none."""
-        return self.shape.triangles if isinstance(self.shape, Surface) else np.empty((0, 3), dtype=np.int64)
-
-    def can_hold(self, attribute: Attribute) -> bool:
-        """Whether the layer has the elements of an attribute's domain: points have no faces or corners."""
-        return attribute.domain is Domain.POINT or len(self.faces) > 0
 
 
 def read_layer(ms: MeshSet, mesh_id: int, custom: Iterable[str] = ()) -> Layer:
@@ -236,7 +180,7 @@ def custom_attributes(mesh: Mesh, name: str) -> list[Attribute]:
 def custom_names(ms: MeshSet, mesh_id: int) -> list[str]:
     """The names of a mesh's custom attributes that consist of letters, digits and underscores.
 
-    pymeshlab has no list of them, but can write them to PLY files, and lists what it can write.
+    pymeshlab has no list of them, but can write them to PLY files, and lists those.
     """
     check_mesh(ms, mesh_id)
     current = ms.current_mesh_id()
@@ -340,7 +284,7 @@ def add_layer(ms: MeshSet, layer: Layer) -> int:
     with TemporaryDirectory() as folder:
         names = [] if layer.textures is None else save_images(layer.textures, Path(folder))
         path = Path(folder) / "layer.ply"
-        path.write_bytes(_ply(layer, names))
+        path.write_bytes(encode_ply(layer, names))
         ms.load_new_mesh(str(path))
     if not np.array_equal(layer.transform, np.eye(4)):
         ms.apply_filter("set_matrix", transformmatrix=layer.transform, freeze=False)
@@ -349,70 +293,3 @@ def add_layer(ms: MeshSet, layer: Layer) -> int:
     for attribute in layer.custom:
         getattr(mesh, CUSTOM[attribute.domain, attribute.kind][1])(attribute.values, attribute.name)
     return int(mesh.id())
-
-
-def _ply(layer: Layer, texture_names: Sequence[str]) -> bytes:
-    there = layer.components
-    vertex_flags = np.zeros(len(layer.vertices), dtype=np.int64)
-    face_flags = np.zeros(len(layer.faces), dtype=np.int64)
-    if "vertex_selection" in there:
-        vertex_flags |= SELECTED * there["vertex_selection"].values.astype(np.int64)
-    if "face_selection" in there:
-        face_flags |= SELECTED * there["face_selection"].values.astype(np.int64)
-    if layer.textures is None:  # MeshLab corrupts texture coordinates of polygons in OBJ files
-        face_flags |= (layer.faux * FAUX).sum(axis=1)
-
-    vertex: list[Column] = [(axis, "double", layer.vertices[:, i]) for i, axis in enumerate("xyz")]
-    vertex += [(f"n{axis}", "double", layer.normals[:, i]) for i, axis in enumerate("xyz")]
-    vertex += [("flags", "int", vertex_flags), *_value_columns(there, "vertex")]
-    face: list[Column] = [("vertex_indices", "int", layer.faces)]
-    face += [("flags", "int", face_flags), *_value_columns(there, "face")]
-    if layer.textures is not None:
-        coordinates, number = layer.textures.by_texture(there[TEXCOORD].values)
-        face += [("texcoord", "float", coordinates.reshape(-1, 6)), ("texnumber", "int", number)]
-    edge: list[Column] = [(f"vertex{i + 1}", "int", layer.edges[:, i]) for i in range(2)]
-
-    header, body = ["ply", "format binary_little_endian 1.0"], b""
-    header += [f"comment TextureFile {name}" for name in texture_names]
-    for element, columns in (("vertex", vertex), ("face", face), ("edge", edge)):
-        lines, rows = _ply_element(element, columns)
-        header += lines
-        body += rows
-    return "\n".join([*header, "end_header\n"]).encode() + body
-
-
-# A property's name, its type, and its values (count,), or (count, k) for lists.
-Column = tuple[str, str, Any]
-
-PLY_TYPES = {"double": "<f8", "float": "<f4", "int": "<i4", "uchar": "u1"}
-
-
-def _value_columns(components: dict[str, Attribute], of: str) -> list[Column]:
-    """Scalars and colours of vertices or of faces."""
-    columns: list[Column] = []
-    if f"{of}_scalar" in components:
-        columns.append(("quality", "double", components[f"{of}_scalar"].values))
-    if f"{of}_color" in components:
-        encoded = np.rint(255 * np.clip(to_srgb(components[f"{of}_color"].values), 0, 1))
-        columns += [(name, "uchar", encoded[:, i]) for i, name in enumerate(("red", "green", "blue", "alpha"))]
-    return columns
-
-
-def _ply_element(name: str, columns: Sequence[Column]) -> tuple[list[str], bytes]:
-    """Header lines and rows of an element."""
-    count = len(columns[0][2])
-    header = [f"element {name} {count}"]
-    fields: list[Any] = []
-    for column, type_name, values in columns:
-        if values.ndim == 2:
-            header.append(f"property list uchar {type_name} {column}")
-            fields.append((f"{column} size", "u1"))
-        else:
-            header.append(f"property {type_name} {column}")
-        fields.append((column, PLY_TYPES[type_name], values.shape[1:]))
-    rows = np.zeros(count, dtype=fields)
-    for column, _, values in columns:
-        rows[column] = values
-        if values.ndim == 2:
-            rows[f"{column} size"] = values.shape[1]
-    return header, rows.tobytes()

@@ -18,7 +18,7 @@ import numpy as np
 from meshlab_filter.files import TextureFiles, load_mesh, texture_files
 from meshlab_filter.xml_elements import Element, read_elements
 from zoomout_core.arrays import Floats
-from zoomout_core.mesh.surface import MeshError
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.runtime.outputs import atomic_write
 
 if TYPE_CHECKING:

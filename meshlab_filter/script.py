@@ -22,7 +22,7 @@ from meshlab_filter.catalogue import CATALOGUE, Filter, apply_filter, check_mesh
 from meshlab_filter.parameters import LENGTH, OTHER_RICH, RICH_TYPES, Parameter, absolute_length, diagonal
 from meshlab_filter.xml_elements import Element, read_elements
 from zoomout_core.arrays import Floats
-from zoomout_core.mesh.surface import MeshError
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.runtime.progress import stage
 
 if TYPE_CHECKING:

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from meshlab_filter.mesh_data import Layer, attribute_values, has_attribute
+from meshlab_filter.layer import Layer
+from meshlab_filter.mesh_data import attribute_values, has_attribute
 from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.maps.surface_map import SurfaceMap, fault_of_map
-from zoomout_core.mesh.surface import MeshError
+from zoomout_core.mesh.errors import MeshError
 
 if TYPE_CHECKING:
     from pymeshlab import Mesh

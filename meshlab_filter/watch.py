@@ -28,7 +28,7 @@ from meshlab_filter.project import (
 from meshlab_filter.script import run_script
 from zoomout_core.assets.files import inputs_of
 from zoomout_core.batch import Job
-from zoomout_core.mesh.surface import MeshError
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.messages import note_lines
 from zoomout_core.runtime.outputs import PART, is_same_file
 
@@ -87,7 +87,7 @@ class Watch:
             return _run_script(self.script, path, *self.outputs(path))
         if is_project(path):
             return self._process_project(path)
-        assert self.source is not None  # otherwise a single mesh is no input
+        assert self.source is not None  # otherwise a single mesh is not an input
         return _transfer(self.source, [Job(path, *self.outputs(path))], self.detail)
 
     def _process_project(self, path: Path) -> list[str]:

@@ -150,7 +150,7 @@ def quick_search(few_candidates: None) -> Iterator[None]:
 
     few_levels = Level(40, 1.0, 0.3, 1), Level(40, 0.01, 0.3, 3), Level(100, 0.02, 0.3, 1), Level(200, 0.02, 0.1, 1)
     with (
-        retune(FINISHED_MAPS, most=2),
+        retune(FINISHED_MAPS, max_refined=2),
         retune(REFINEMENT, between_shapes=Schedule(((30, 0.08), (60, 0.06), (120, 0.04)), (90, 120))),
         retune(FIT, stages=3, rounds=3, last_rounds=2),
         retune(REST, rounds=2, iterations=4),

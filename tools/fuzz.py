@@ -38,8 +38,9 @@ from zoomout_core.assets.files import read_asset, write_asset
 from zoomout_core.assets.gltf.avatars import read_avatar
 from zoomout_core.assets.gltf.compress import METHODS
 from zoomout_core.maps.surface_map import SurfaceMap, read_vertex_map
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.files import read_shape
-from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.text_arguments import read_landmarks
 
 # Maximum processor seconds for a file of some kilobytes, since the machine may be busy, and bytes that reading

@@ -21,9 +21,8 @@ if TYPE_CHECKING:
     from zoomout_core.collection.collection import CollectionResult, match_collection
     from zoomout_core.evaluation import geodesic_error
     from zoomout_core.geometry.shot import shot
+    from zoomout_core.library.found import FoundPart, FoundSource, FoundSources
     from zoomout_core.library.library import Library, Preparation, find_source
-    from zoomout_core.library.parts import FoundPart
-    from zoomout_core.library.search import FoundSource, FoundSources
     from zoomout_core.maps.consistent_zoomout import ConsistentMaps, consistent_zoomout
     from zoomout_core.maps.descriptor_fit import fit_functional_map
     from zoomout_core.maps.functional_map import (
@@ -43,8 +42,10 @@ if TYPE_CHECKING:
     from zoomout_core.matching.report.verdict import Verdict
     from zoomout_core.matching.result import MatchResult, load_result
     from zoomout_core.matching.transfer_landmarks import TransferredLandmarks, transfer_landmarks
+    from zoomout_core.mesh.errors import MeshError
     from zoomout_core.mesh.formats.files import read_point_cloud, read_surface
-    from zoomout_core.mesh.surface import MeshError, PointCloud, Surface
+    from zoomout_core.mesh.point_cloud import PointCloud
+    from zoomout_core.mesh.surface import Surface
     from zoomout_core.runtime.progress import Cancelled, Progress, progress
     from zoomout_core.runtime.threads import set_threads
     from zoomout_core.spectral.descriptors import (
@@ -176,8 +177,7 @@ _HOMES = {
     "evaluation": ("geodesic_error",),
     "geometry.shot": ("shot",),
     "library.library": ("Library", "Preparation", "find_source"),
-    "library.parts": ("FoundPart",),
-    "library.search": ("FoundSource", "FoundSources"),
+    "library.found": ("FoundPart", "FoundSource", "FoundSources"),
     "maps.consistent_zoomout": ("ConsistentMaps", "consistent_zoomout"),
     "maps.descriptor_fit": ("fit_functional_map",),
     "maps.functional_map": (
@@ -197,8 +197,10 @@ _HOMES = {
     "matching.result": ("MatchResult", "load_result"),
     "matching.transfer_landmarks": ("TransferredLandmarks", "transfer_landmarks"),
     "matching.report.verdict": ("Verdict",),
+    "mesh.errors": ("MeshError",),
     "mesh.formats.files": ("read_point_cloud", "read_surface"),
-    "mesh.surface": ("MeshError", "PointCloud", "Surface"),
+    "mesh.point_cloud": ("PointCloud",),
+    "mesh.surface": ("Surface",),
     "runtime.progress": ("Cancelled", "Progress", "progress"),
     "runtime.threads": ("set_threads",),
     "spectral.descriptors": ("heat_kernel_map", "heat_kernel_signature", "wave_kernel_map", "wave_kernel_signature"),

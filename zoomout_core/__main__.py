@@ -17,7 +17,7 @@ from zoomout_core.runtime.terminal import drop_output, print_any_character
 def run(commands: str, name: str, extra: str) -> None:
     """Run the `main` of the module `commands`, and end the process; reports an interrupt by the user in one line.
 
-    `name` is what the user calls it, `extra` the extra of the package `zoomout-core` that installs its requirements.
+    `name` is its name for the user, `extra` the extra of the package `zoomout-core` that installs its requirements.
     """
     leave_out_working_folder()
     print_any_character()

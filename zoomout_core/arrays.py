@@ -51,6 +51,16 @@ def row_norms(vectors: Floats) -> Floats:
     return np.asarray(np.sqrt(reduce(np.add, [along * along for along in np.moveaxis(vectors, -1, 0)])))
 
 
+def any_in_row(chosen: Booleans) -> Booleans:
+    """(...) whether any of a few values (..., d) is true, in a tenth of the time of numpy's `any`."""
+    return np.asarray(reduce(np.logical_or, np.moveaxis(chosen, -1, 0)))
+
+
+def all_in_row(chosen: Booleans) -> Booleans:
+    """(...) whether all of a few values (..., d) are true, in a tenth of the time of numpy's `all`."""
+    return np.asarray(reduce(np.logical_and, np.moveaxis(chosen, -1, 0)))
+
+
 def to_array(values: Any, what: str) -> NDArray[Any]:
     """A user's values as an array.
 

@@ -18,8 +18,8 @@ import click
 
 from zoomout_core.command_options import progress_bar, tell
 from zoomout_core.matching.report.verdict import RefusedMatchError
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.folders import meshes_of
-from zoomout_core.mesh.surface import MeshError
 from zoomout_core.messages import NO_MEMORY
 from zoomout_core.runtime.outputs import OutputError, atomic_write, check_no_input, check_output
 from zoomout_core.runtime.progress import portion, renaming

@@ -28,8 +28,8 @@ from zoomout_core.matching.option_table import (
 )
 from zoomout_core.matching.preparation.memory_cache import store_shapes
 from zoomout_core.matching.presets import resolve_detail
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.opening import existing
-from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.progress import Progress, progress
 from zoomout_core.text_arguments import STARTS, read_axis, read_values
 
@@ -78,7 +78,7 @@ def folders_option(command: Any) -> Any:
 
 
 def compress_option(command: Any) -> Any:
-    """Let a command compress the glTF files that it writes."""
+    """Add an option to compress the glTF files that a command writes."""
     option = click.option(
         "--compress",
         "compression",

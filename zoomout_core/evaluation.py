@@ -16,8 +16,9 @@ from scipy.sparse.csgraph import dijkstra
 
 from zoomout_core.arrays import Booleans, Floats, Integers, to_array
 from zoomout_core.maps.surface_map import SurfaceMap, folded_triangles
+from zoomout_core.mesh.input_checks import vertex_numbers
 from zoomout_core.mesh.shapes import ShapeLike, as_surface
-from zoomout_core.mesh.surface import Surface, vertex_numbers
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import edge_graph, triangle_areas, unique_edges
 
 # Places whose distances are computed at once; bounds the memory.
@@ -38,7 +39,7 @@ def geodesic_error(
     source: ShapeLike,
     target_vertex: Integers,
     source_vertex: Integers,
-    most: int = 1000,
+    max_count: int = 1000,
 ) -> Floats:
     """Geodesic distance between a map's images and the true ones, relative to the square root of the source's area.
 
@@ -50,10 +51,10 @@ def geodesic_error(
         source: the surface that the map lands on, see `ShapeLike`.
         target_vertex: (c,) target vertices with a known place on the source.
         source_vertex: (c,) this place.
-        most: measure at most this many of the pairs, evenly spaced in the list.
+        max_count: maximum number of pairs to measure; they are evenly spaced in the list.
 
     Returns:
-        (min(c, most),) errors, or (min(c, most), m); papers quote their mean times 1000.
+        (min(c, max_count),) errors, or (min(c, max_count), m); papers quote their mean times 1000.
 
     Raises:
         ValueError: a list has numbers of vertices that its surface does not have, or the lists differ in length.
@@ -72,7 +73,7 @@ def geodesic_error(
             f"There are {len(target_vertex)} target vertices and {len(source_vertex)} source vertices: give a source "
             "vertex for each target vertex."
         )
-    picked = np.unique(np.linspace(0, len(target_vertex) - 1, min(most, len(target_vertex))).astype(int))
+    picked = np.unique(np.linspace(0, len(target_vertex) - 1, min(max_count, len(target_vertex))).astype(int))
     image, truth = vertex[target_vertex[picked]], source_vertex[picked]
     image = vertex_numbers(image.ravel(), len(source.vertices), "Images on the source").reshape(image.shape)
     graph = edge_graph(source.vertices, source.triangles)

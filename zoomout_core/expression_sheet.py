@@ -46,7 +46,7 @@ class Head:
     Attributes:
         vertices: (n, 3) at rest; z is up.
         triangles: (m, 3) vertex numbers.
-        keys: by name, what each key adds at full strength, (n, 3).
+        keys: the offsets (n, 3) of each key at full strength, by name.
     """
 
     vertices: Floats
@@ -120,7 +120,7 @@ def _similarity(source: Head, target: Head) -> Similarities | None:
 
 
 def _place(head: Head, name: str) -> Floats:
-    """(3,) the centre of what a key moves."""
+    """(3,) the centre of the vertices that a key moves."""
     weight = np.linalg.norm(head.keys[name], axis=1) * vertex_areas(head.vertices, head.triangles)
     return weight @ head.vertices / max(weight.sum(), np.finfo(float).tiny)
 
@@ -143,7 +143,7 @@ class _View:
 
     @classmethod
     def of(cls, head: Head) -> _View:
-        """A view of what the keys move."""
+        """A view of the vertices that the keys move."""
         axes, motion = face_axes(head), head.motion
         seen = head.vertices[motion >= min(MOVING, motion.max())] @ axes.T
         low, high = seen.min(axis=0), seen.max(axis=0)

@@ -27,7 +27,7 @@ threads_option = click.option(
 
 
 def quiet_option(command: Any) -> Any:
-    """Let a command print nothing but errors."""
+    """Add an option to print nothing but errors."""
 
     def set_it(context: click.Context, __: click.Parameter, quiet: bool) -> None:
         if quiet:

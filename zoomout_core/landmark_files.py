@@ -21,9 +21,9 @@ from typing import Any
 import numpy as np
 
 from zoomout_core.arrays import Floats, Integers
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.opening import existing, file_bytes
 from zoomout_core.mesh.formats.text_tables import decode
-from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.outputs import atomic_write
 
 LPS, RAS = "LPS", "RAS"
@@ -87,7 +87,7 @@ def read_landmark_file(path: str | PathLike[str]) -> LandmarkSet:
     ending = landmark_ending(path)
     try:
         found = FORMATS[ending][0](decode(file_bytes(existing(path))))
-        FORMATS[ending][1](found)  # what it keeps of a document can be written
+        FORMATS[ending][1](found)  # the data that it keeps of a document can be written
     except MeshError:
         raise
     except (ValueError, csv.Error, RecursionError) as error:

@@ -11,7 +11,8 @@ from tempfile import mkdtemp
 from zoomout_core.assets.files import inputs_of
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.result import MatchResult
-from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.mesh.errors import MeshError
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.messages import NO_MEMORY
 from zoomout_core.runtime.outputs import check_output
 

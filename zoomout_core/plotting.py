@@ -197,13 +197,13 @@ def plot_functional_map(functional_map: Floats, figure: Figure | SubFigure | Non
 
 
 def plot_error_curves(
-    errors: Mapping[str, Floats], most: float = 0.25, figure: Figure | SubFigure | None = None
+    errors: Mapping[str, Floats], max_error: float = 0.25, figure: Figure | SubFigure | None = None
 ) -> Figure:
     """Draw cumulative error curves: the share of places up to each error.
 
     Args:
         errors: errors (c,) by label, such as those of `geodesic_error`; NaN counts as above all.
-        most: the largest error shown.
+        max_error: the largest error shown.
         figure: to draw into; a new one if not given.
 
     Example:
@@ -212,10 +212,10 @@ def plot_error_curves(
     """
     drawn = figure or NotebookFigure(figsize=PANEL, layout="constrained")
     axes = drawn.add_subplot()
-    thresholds = np.linspace(0, most, 201)
+    thresholds = np.linspace(0, max_error, 201)
     for name, values in errors.items():
         axes.plot(thresholds, 100 * share_below(np.asarray(values), thresholds), label=name)
-    set_error_axes(axes, most)
+    set_error_axes(axes, max_error)
     axes.legend(loc="lower right")
     return _whole(drawn)
 
@@ -225,9 +225,9 @@ def share_below(errors: Floats, thresholds: Floats) -> Floats:
     return np.searchsorted(np.sort(errors), thresholds, side="right") / len(errors)
 
 
-def set_error_axes(axes: Axes, most: float) -> None:
-    """Label axes of cumulative error curves in percent, up to the error `most`."""
-    axes.set(xlabel="geodesic error, at unit area", ylabel="% of places", xlim=(0, most), ylim=(0, 100))
+def set_error_axes(axes: Axes, max_error: float) -> None:
+    """Label axes of cumulative error curves in percent, up to an error."""
+    axes.set(xlabel="geodesic error, at unit area", ylabel="% of places", xlim=(0, max_error), ylim=(0, 100))
     axes.grid(alpha=0.3)
 
 

@@ -12,9 +12,9 @@ from zoomout_core.arrays import Floats, Integers, RealsOrIntegers
 from zoomout_core.maps.surface_map import read_vertex_map
 from zoomout_core.matching.constraints import check_axes
 from zoomout_core.matching.option_table import OPTIONS, Interface, Kind, Option
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.opening import existing, file_bytes
 from zoomout_core.mesh.formats.text_tables import text_lines
-from zoomout_core.mesh.surface import MeshError
 
 STARTS = ("auto", "landmarks", "proximity")
 AXES = {"x": "1,0,0", "y": "0,1,0", "z": "0,0,1", "-x": "-1,0,0", "-y": "0,-1,0", "-z": "0,0,-1"}

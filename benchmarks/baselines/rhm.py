@@ -22,7 +22,7 @@ from scipy.sparse import csc_array, csr_array, diags_array
 from scipy.sparse.csgraph import dijkstra
 
 from zoomout_core.arrays import Floats, Integers
-from zoomout_core.geometry.closest_points import Neighbourhoods, project_to_embedding
+from zoomout_core.geometry.embedded_surface import Neighbourhoods, project_to_embedding
 from zoomout_core.geometry.sparse_solve import factorise
 from zoomout_core.maps.nearest import nearest
 from zoomout_core.maps.surface_map import SurfaceMap

@@ -28,7 +28,7 @@ AS_GOOD = 1.3
 Row = dict[str, Any]
 
 
-def run(data: Path, most: int | None, picture_folder: Path | None) -> dict[str, list[Row]]:
+def run(data: Path, max_count: int | None, picture_folder: Path | None) -> dict[str, list[Row]]:
     """Bind posed characters to the source's rig, and put the rig into other poses.
 
     Errors are in percent of the largest extent: the distance to the posed source's surface, and the distance to
@@ -36,7 +36,7 @@ def run(data: Path, most: int | None, picture_folder: Path | None) -> dict[str, 
 
     Args:
         data: folder of the sets, with characters among them.
-        most: largest number of characters of each kind; None for all.
+        max_count: largest number of characters of each kind; None for all.
         picture_folder: for a picture of each case.
 
     Returns:
@@ -44,7 +44,7 @@ def run(data: Path, most: int | None, picture_folder: Path | None) -> dict[str, 
         at most 1.3 times that with true weights; `cases`: each case and way.
     """
     found: list[Row] = []
-    for case in tqdm(make_cases(data, most), desc="binding", leave=False):
+    for case in tqdm(make_cases(data, max_count), desc="binding", leave=False):
         found += _rows(case, picture_folder)
     groups = dict.fromkeys((row["kind"], row["mesh"], row["way"]) for row in found)
     ways = [TRUE, *WAYS]

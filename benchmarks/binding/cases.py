@@ -64,13 +64,13 @@ class Case:
     taken: tuple[Stance, ...]
 
 
-def make_cases(data: Path, most: int | None) -> Iterator[Case]:
-    """Generated characters in several poses, and game characters, or about `most` of each kind, evenly spread."""
-    for number in spread(list(range(BOUND_IN)), most):
+def make_cases(data: Path, max_count: int | None) -> Iterator[Case]:
+    """Generated characters in several poses, and game characters, or about `max_count` of each kind, evenly spread."""
+    for number in spread(list(range(BOUND_IN)), max_count):
         yield from _generate(number)
     packs = [sorted(pack.glob("*.glb")) for pack in sorted((data / "characters" / "game").glob("*"))]
     chosen = list(chain.from_iterable(spread(pack, OF_PACK) for pack in packs))
-    for path in spread(chosen, most):
+    for path in spread(chosen, max_count):
         yield from _of_game(path)
 
 

@@ -56,12 +56,12 @@ T = TypeVar("T")
 Maker: TypeAlias = Callable[[], Case | None]
 
 
-def cases(folder: Path, most: int | None) -> Iterator[Case]:
-    """The cases of a folder of characters, or about `most` of each kind, evenly spread.
+def cases(folder: Path, max_count: int | None) -> Iterator[Case]:
+    """The cases of a folder of characters, or about `max_count` of each kind, evenly spread.
 
     Args:
         folder: with packs of characters under `game`, and outfits under `outfits`.
-        most: largest number of a kind; None for all.
+        max_count: largest number of a kind; None for all.
     """
     packs = [sorted(pack.glob("*.glb")) for pack in sorted((folder / "game").glob("*"))]
     chosen = list(chain.from_iterable(spread(pack, OF_PACK) for pack in packs))
@@ -72,7 +72,7 @@ def cases(folder: Path, most: int | None) -> Iterator[Case]:
         [partial(outfit, path) for path in sorted((folder / "outfits").glob("*.npz"))],
     ]
     for makers in kinds:
-        for make in spread(makers, most):
+        for make in spread(makers, max_count):
             case = make()
             if case is not None:
                 yield case
@@ -85,10 +85,10 @@ def first_pairs(folder: Path) -> Iterator[Case]:
         yield from islice((case for case in found if case is not None), 1)
 
 
-def spread(entries: list[T], most: int | None) -> list[T]:
-    if most is None or most >= len(entries):
+def spread(entries: list[T], max_count: int | None) -> list[T]:
+    if max_count is None or max_count >= len(entries):
         return entries
-    return [entries[i] for i in np.linspace(0, len(entries) - 1, most).round().astype(int)]
+    return [entries[i] for i in np.linspace(0, len(entries) - 1, max_count).round().astype(int)]
 
 
 def _cycle(pack: list[Path]) -> Iterator[tuple[Path, Path, bool]]:

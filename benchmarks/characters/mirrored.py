@@ -30,12 +30,12 @@ MIRROR = np.array([-1.0, 1.0, 1.0])
 MIDDLE = 3.0
 
 
-def mirror_cases(folder: Path, most: int | None) -> Iterator[Case]:
+def mirror_cases(folder: Path, max_count: int | None) -> Iterator[Case]:
     """Characters and outfits, each a case of a self-map that exchanges left and right.
 
     Args:
         folder: with packs of characters under `game`, and outfits under `outfits`.
-        most: approximate largest number of a kind; None for all.
+        max_count: approximate largest number of a kind; None for all.
     """
     characters = list(chain.from_iterable(sorted(pack.glob("*.glb")) for pack in sorted((folder / "game").glob("*"))))
     kinds: list[list[Maker]] = [
@@ -43,7 +43,7 @@ def mirror_cases(folder: Path, most: int | None) -> Iterator[Case]:
         [partial(_worn_case, path) for path in sorted((folder / "outfits").glob("*.npz"))],
     ]
     for makers in kinds:
-        for make in spread(makers, most):
+        for make in spread(makers, max_count):
             case = make()
             if case is not None:
                 yield case
@@ -82,9 +82,9 @@ def _worn_case(path: Path) -> Case:
 # --- the table ----------------------------------------------------------------------------------------------
 
 
-def symmetry_records(folder: Path, most: int | None) -> list[Row]:
+def symmetry_records(folder: Path, max_count: int | None) -> list[Row]:
     """A record for each case of `mirror_cases`."""
-    return [symmetry_record(case) for case in tqdm(mirror_cases(folder, most), desc="characters", leave=False)]
+    return [symmetry_record(case) for case in tqdm(mirror_cases(folder, max_count), desc="characters", leave=False)]
 
 
 def symmetry_record(case: Case) -> Row:

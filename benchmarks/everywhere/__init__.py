@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Maps in the small, where artists look first: lost parts, wrong limbs, torn edges, and the verdict."""
+"""Local faults of maps, which artists see first: lost parts, wrong limbs and torn edges; and the verdict."""
 
 from __future__ import annotations
 

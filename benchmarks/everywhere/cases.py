@@ -102,8 +102,8 @@ class Case:
 Maker: TypeAlias = Callable[[], Case | None]
 
 
-def cases(data: Path, most: int | None) -> Iterator[Case]:
-    """All cases whose files a data folder has, or about `most` of each kind, evenly spread."""
+def cases(data: Path, max_count: int | None) -> Iterator[Case]:
+    """All cases whose files a data folder has, or about `max_count` of each kind, evenly spread."""
     game = data / "characters" / "game"
     skins: list[Maker] = [
         partial(skin_case, path, posed) for path in sorted(game.glob("*/*.glb")) for posed in (False, True)
@@ -123,7 +123,7 @@ def cases(data: Path, most: int | None) -> Iterator[Case]:
         others = [partial(other_case, clothes, path, build) for path, build in pairs]
     kinds: list[list[Maker]] = [skins, legs, touches, others]
     for makers in kinds:
-        for make in spread(makers, most):
+        for make in spread(makers, max_count):
             case = make()
             if case is not None:
                 yield case

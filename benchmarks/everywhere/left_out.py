@@ -56,8 +56,8 @@ FAR, STEPS = 8, (1, 4)
 SETS, SEED = (("faust_r", 6), ("shrec19_r", 8), ("smal_r", 10), ("tosca_nonisometric", 6)), 35
 
 
-def cases_left_out(data: Path, most: int | None) -> Iterator[Case]:
-    """All cases whose files a data folder has, or about `most` of each kind, evenly spread."""
+def cases_left_out(data: Path, max_count: int | None) -> Iterator[Case]:
+    """All cases whose files a data folder has, or about `max_count` of each kind, evenly spread."""
     packs = data / "characters" / "game"
     moving = [path for path in sorted(packs.glob("*/*.glb")) if not path.parent.name.startswith("modular")]
     people = [path for pack in PEOPLE for path in sorted((packs / pack).glob("*.glb")) if "Enemy" not in path.name]
@@ -83,7 +83,7 @@ def cases_left_out(data: Path, most: int | None) -> Iterator[Case]:
             for (i, path), j in product(enumerate(people), range(2))
         ]
     for kind, makers in kinds.items():
-        for make in spread(makers, most):
+        for make in spread(makers, max_count):
             case = make()
             if case is not None:
                 yield replace(case, kind=kind)

@@ -36,7 +36,7 @@ def main(name: str, output: Path, data: tuple[Path, ...], seed: int, count: int)
     """
     if name in FROM_NOTHING:
         refused = FROM_NOTHING[name](output, seed, count)
-        click.echo(f"{refused} poses were drawn again because limbs touched, and the mesh was no closed body.")
+        click.echo(f"{refused} poses were drawn again because limbs touched, and the mesh was not a closed body.")
     elif data:
         FROM_SETS[name](output, data, seed, count)
     else:

@@ -78,9 +78,9 @@ def class_of(name: str) -> str:
     return re.split(r"\d", name, maxsplit=1)[0]
 
 
-def spread(items: list[Pair], most: int) -> list[Pair]:
+def spread(items: list[Pair], max_count: int) -> list[Pair]:
     """At most a given number of items, evenly spread over the list."""
-    picked = np.unique(np.linspace(0, len(items) - 1, min(most, len(items))).astype(int))
+    picked = np.unique(np.linspace(0, len(items) - 1, min(max_count, len(items))).astype(int))
     return [items[i] for i in picked]
 
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Sets whose targets are merged where their parts touch, such as a hand on a hip, as scans and voxel models are.
+"""Sets whose targets are merged where parts touch, such as a hand and a hip, as in scans and voxel models.
 
-The union in a grid of voxels joins what the source has apart, as in TOPKIDS (Laehner et al. 2016).
+The union in a voxel grid joins parts that are separate on the source, as in TOPKIDS (Laehner et al. 2016).
 """
 
 from __future__ import annotations

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Hashes of maps, to find where a change of the code changes them."""
+"""Hashes of results, which show whether a change to the code alters any of them."""

@@ -38,7 +38,7 @@ def _symmetric(name: str, make: Callable[[], Shape], **options: Any) -> Case:
 def _symmetry_of_file(path: str) -> Case:
     return Case(
         f"symmetry {Path(path).stem}",
-        lambda data: of_symmetries(zo.detect_symmetry(read(data / path), most=3, k_final=60, samples=500)),
+        lambda data: of_symmetries(zo.detect_symmetry(read(data / path), max_count=3, k_final=60, samples=500)),
         (path,),
     )
 
@@ -49,12 +49,14 @@ def _symmetries() -> list[Case]:
         *(_symmetry_of_file(path) for path in SYMMETRIC),
         _symmetric("creature", lambda: creature(asymmetry=0, bend=0.5), left=(1, 0, 0), seed=1),
         _symmetric("lopsided creature", lambda: creature(seed=2)),
-        _symmetric("cube", lambda: round_shape(CUBE, SMALL), most=4, k_final=60, samples=500),
-        _symmetric("icosahedron", lambda: round_shape(ICOSAHEDRON, SMALL), most=2, k_final=60, samples=500),
-        _symmetric("gear", lambda: round_shape(gear), most=4, left=(0, 1, 0), k_final=60),
-        _symmetric("clothed", lambda: clothe(0, 0.4), most=2),
-        _symmetric("cloud", lambda: cloud(creature(3000, asymmetry=0), True), most=2, k_final=60),
-        Case("symmetry Farmer", lambda data: of_symmetries(zo.detect_symmetry(read(data / game), most=2)), (game,)),
+        _symmetric("cube", lambda: round_shape(CUBE, SMALL), max_count=4, k_final=60, samples=500),
+        _symmetric("icosahedron", lambda: round_shape(ICOSAHEDRON, SMALL), max_count=2, k_final=60, samples=500),
+        _symmetric("gear", lambda: round_shape(gear), max_count=4, left=(0, 1, 0), k_final=60),
+        _symmetric("clothed", lambda: clothe(0, 0.4), max_count=2),
+        _symmetric("cloud", lambda: cloud(creature(3000, asymmetry=0), True), max_count=2, k_final=60),
+        Case(
+            "symmetry Farmer", lambda data: of_symmetries(zo.detect_symmetry(read(data / game), max_count=2)), (game,)
+        ),
     ]
 
 
@@ -106,7 +108,7 @@ def _errors() -> list[Case]:
         _refuse("no axis", lambda: zo.match(*two(), common_axes=(0, 0, 0))),
         _refuse("no region", lambda: zo.match(*two(), regions=[([0],)])),  # type: ignore[list-item]
         _refuse("no such candidate", lambda: zo.match(*two()).use(99)),
-        _refuse("no symmetry", lambda: zo.detect_symmetry(creature(TINY), most=0)),
+        _refuse("no symmetry", lambda: zo.detect_symmetry(creature(TINY), max_count=0)),
         _refuse("no file", lambda: zo.match("missing.ply", creature(TINY))),
         _refuse("no template", lambda: _collect(template="nobody")),
         _refuse("nothing to wrap", lambda: zo.wrap(zo.match(*two()), *two(), mask=np.zeros(TINY))),

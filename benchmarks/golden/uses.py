@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Cases of `golden` that use a map, such as transfers, and those of bases and ZoomOut."""
+"""Cases of `golden` that use a map, such as transfers, and cases of bases and ZoomOut."""
 
 from __future__ import annotations
 

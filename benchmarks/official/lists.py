@@ -91,11 +91,11 @@ class OfficialList:
             return NONE
         return MAPS if any(_key(truth, *pair) for pair in self.pairs) else TEMPLATE
 
-    def sample(self, most: int | None) -> list[tuple[str, str]]:
-        """All pairs, or the first `most` in a random but fixed order, so that a larger sample has the smaller one."""
-        if most is None or most >= len(self.pairs):
+    def sample(self, max_count: int | None) -> list[tuple[str, str]]:
+        """All pairs, or the first `max_count` in a random but fixed order: a larger sample contains the smaller one."""
+        if max_count is None or max_count >= len(self.pairs):
             return list(self.pairs)
-        return random.Random(0).sample(self.pairs, len(self.pairs))[:most]
+        return random.Random(0).sample(self.pairs, len(self.pairs))[:max_count]
 
     def shape_file(self, name: str) -> Path:
         """The file of a shape.

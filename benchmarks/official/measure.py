@@ -20,7 +20,8 @@ from benchmarks.official.lists import MAPS, NONE, OfficialList
 from benchmarks.tables import Record
 from zoomout_core.arrays import Booleans, Floats, Integers, SingleFloats
 from zoomout_core.evaluation import distance_distortion, flipped_share
-from zoomout_core.mesh.surface import Surface, vertex_numbers
+from zoomout_core.mesh.input_checks import vertex_numbers
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import edge_graph
 from zoomout_core.runtime.threads import usable_cores
 

@@ -21,7 +21,7 @@ OURS = "zo.match"
 SETTINGS = [Setting(rotate, scale).name for scale in (False, True) for rotate in (False, True)]
 # Shapes whose pairs most papers leave out of a set's list, by the beginning of the set's name.
 LEFT_OUT = {"SHREC19": "40"}
-# Maps that should agree with that of a pair, where there is no truth.
+# Maps that should agree with the map of a pair, for sets without a truth.
 AGREEMENTS = "turned", "scaled", "mirrored", "cycle"
 # Percentage of the target's area above which a map that is turned over has left and right exchanged.
 TURNED_OVER = 50
@@ -275,7 +275,7 @@ def _rank(row: Record, figure: str) -> float:
 
 
 def _sentences(about: Record, rows: Sequence[Record], records: Sequence[Record]) -> list[str]:
-    """The measured sample of a list, the protocol's own description of it, and of which pairs the seconds are."""
+    """Sentences about the measured sample of a list, the protocol, and the pairs whose seconds count."""
     listed = [f"*List*: {about['protocol']['protocol']}"] if "protocol" in about["protocol"] else []
     whole = all(row["pairs"] == row["of"] for row in rows if row["of"])
     measured = (

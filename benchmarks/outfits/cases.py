@@ -65,30 +65,30 @@ class Case:
     garments: dict[str, Garment] = field(default_factory=dict)
 
 
-def cases(data: Path, most: int | None) -> Iterator[Case]:
+def cases(data: Path, max_count: int | None) -> Iterator[Case]:
     """The cases of a folder of sets, or the first ones of each kind.
 
     Args:
         data: with `clothes`, and `characters/outfits` with `faust_r` and `shrec19_r`, as far as they are there.
-        most: maximum number of each kind; None for all.
+        max_count: maximum number of each kind; None for all.
     """
     if (data / "clothes").is_dir():
-        yield from _refits(Wardrobe(data / "clothes"), most)
+        yield from _refits(Wardrobe(data / "clothes"), max_count)
     if (data / "characters" / "outfits").is_dir():
-        yield from _outfits(data, most)
+        yield from _outfits(data, max_count)
 
 
-def _refits(wardrobe: Wardrobe, most: int | None) -> Iterator[Case]:
+def _refits(wardrobe: Wardrobe, max_count: int | None) -> Iterator[Case]:
     """Garments on builds, and on other topologies of strict builds."""
     strict, loose = (
         [pair for pair in wardrobe.pairs() if wardrobe.is_strict[pair[1]] == is_strict] for is_strict in (True, False)
     )
     for kind, pairs in ((STRICT, strict), (LOOSE, loose)):
-        for made_for, build in pairs[:most]:
+        for made_for, build in pairs[:max_count]:
             yield _refit(wardrobe, kind, made_for, build)
-    for (made_for, build), topology in list(zip(strict, wardrobe.topologies, strict=False))[:most]:
+    for (made_for, build), topology in list(zip(strict, wardrobe.topologies, strict=False))[:max_count]:
         yield _refit(wardrobe, REMESHED, made_for, build, topology)
-    for made_for, build in strict[:most]:
+    for made_for, build in strict[:max_count]:
         yield from _raise_arms(wardrobe, made_for, build)
 
 
@@ -137,12 +137,12 @@ def _refit(wardrobe: Wardrobe, kind: str, made_for: str, build: str, topology: s
     )
 
 
-def _outfits(data: Path, most: int | None) -> Iterator[Case]:
+def _outfits(data: Path, max_count: int | None) -> Iterator[Case]:
     """Dressed bodies, on bodies that wear the same outfit and on others."""
     folder = data / "characters" / "outfits"
     ways = [(name, turned) for name in KNOWN for turned in ((False, True) if name in BOTH_WAYS else (False,))]
     known = [(name, turned) for name, turned in ways if (folder / f"{name}.npz").is_file()]
-    for name, turned in known[:most]:
+    for name, turned in known[:max_count]:
         sides, unit = _sides(folder / f"{name}.npz")
         (source, worn), (target, there) = sides[::-1] if turned else sides
         things = {part: each for part, each in worn.items() if part in there and _alike(each, there[part])}
@@ -150,7 +150,7 @@ def _outfits(data: Path, most: int | None) -> Iterator[Case]:
         yield Case(SAME, f"{name}{' turned' * turned}", source, target, things, unit, truth)
     wardrobe = [name for name in BOTH_WAYS if (folder / f"{name}.npz").is_file()]
     bodies = [data / f"{name}.off" for name in OTHERS if (data / f"{name}.off").is_file()]
-    for number, path in enumerate(bodies[:most] if wardrobe else []):
+    for number, path in enumerate(bodies[:max_count] if wardrobe else []):
         name = wardrobe[number % len(wardrobe)]
         ((source, things), _), unit = _sides(folder / f"{name}.npz")
         yield Case(OTHER, f"{name} on {path.stem}", source, read_surface(path), things, unit)

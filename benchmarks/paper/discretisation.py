@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""People meshed in several ways, matched between all of these: does the map depend on the triangulation?"""
+"""Does the map depend on the triangulation? People are meshed in several ways, and matched between all of them."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from zoomout_core.arrays import Floats
 def run(data: Path, pairs: int | None, figure: Path | None = None) -> dict[str, list[dict[str, Any]]]:
     """Match pairs of different people, whose meshes are named KIND_PERSON.
 
-    `rows`: for each kind of target the mean error, times 1000, for each kind of source; `right`: how many pairs have
-    less than 80, of how many. `pairs`: the error and certainty of each.
+    `rows`: for each kind of target the mean error, times 1000, for each kind of source; `right`: the number of pairs
+    with less than 80, and of all pairs. `pairs`: the error and certainty of each.
 
     Args:
         data: a set that has a common template, or a folder of sets.

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The smallest size and largest noise of an initial functional map from which ZoomOut succeeds.
 
-As in Melzi et al. 2019, who iterate on all vertices. Here ZoomOut uses 500 farthest samples of each shape, and only
-the images of the known places are sought among all vertices at the end.
+Melzi et al. 2019 iterate on all vertices. Here ZoomOut uses 500 farthest samples of each shape. At the end, images of
+the known places are searched among all vertices.
 """
 
 from __future__ import annotations

@@ -26,7 +26,7 @@ def object_rows() -> list[dict[str, Any]]:
     """
     rows = []
     for name, surface, count in things():
-        found = zo.detect_symmetry(surface, most=count)
+        found = zo.detect_symmetry(surface, max_count=count)
         motions: list[Floats] = []
         off = 0.0
         for symmetry in found:
@@ -58,11 +58,11 @@ def rigid_motion(surface: Surface, surface_map: zo.SurfaceMap) -> tuple[Floats, 
     return motion, float(off / np.sqrt(surface.area))
 
 
-def draw_symmetries(path: Path, surface: Surface, most: int) -> None:
+def draw_symmetries(path: Path, surface: Surface, max_count: int) -> None:
     """Draw a coloured surface, and the colours transferred by each of its first symmetries."""
     pictures = [
         Picture(f"{number}. {_name(symmetry)}", surface, surface, symmetry.surface_map)
-        for number, symmetry in enumerate(zo.detect_symmetry(surface, most=most), start=1)
+        for number, symmetry in enumerate(zo.detect_symmetry(surface, max_count=max_count), start=1)
     ]
     draw(path, pictures)
 

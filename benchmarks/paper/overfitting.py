@@ -17,7 +17,8 @@ from tqdm import tqdm
 import zoomout_core as zo
 from benchmarks.curves import draw_lines
 from benchmarks.datasets import PairOfMeshes, load_pair, pair_names, sets_in
-from benchmarks.paper.refinement import ISOMETRIC_LIMIT, K_SIGNATURES
+from benchmarks.paper.refinement import ISOMETRIC_LIMIT
+from benchmarks.paper.starts import K_SIGNATURES
 from benchmarks.stored import read_or_compute
 from benchmarks.tables import Record, Tables
 from zoomout_core.arrays import Integers

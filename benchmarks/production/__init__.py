@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Live links beside the operator; levels of detail beside Blender's; bakes beside Cycles; files in other programs."""
+"""Comparisons for production: live links with the operator, levels of detail with Blender's, bakes with Cycles.
+
+Files are also opened in other programs.
+"""
 
 from __future__ import annotations
 

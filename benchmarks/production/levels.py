@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Levels of detail beside those of Blender's modifiers: errors at rest and in poses.
 
-A level is compared with the character in poses that its joints are turned to. The error of its geometry alone in a pose
-is taken in two ways: that of the level itself with exact weights, interpolated at the place of each vertex on the
-character, so that only what the weights of a level lack counts; and that of another level, with as many vertices, that
-is made of the character in this pose alone and has no weights. The second cannot be reached by one mesh in all poses.
+A level is compared with the character in poses. Two further errors separate the geometry of a level from its weights.
+The first is that of the level with exact weights, interpolated at the place of each vertex on the character. The second
+is that of another level with as many vertices, made from the character in this pose and without weights. No single mesh
+can reach the second in all poses.
 """
 
 from __future__ import annotations

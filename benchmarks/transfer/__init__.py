@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Accuracy of transferred data, by our method and those that artists have, with the truth known at every corner."""
+"""Accuracy of transferred data by our method and by the tools of artists; the truth is known at every corner."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from benchmarks.transfer.figures import figures
 from benchmarks.transfer.methods import WAYS
 
 
-def run(data: Path, most: int | None) -> dict[str, list[dict[str, Any]]]:
+def run(data: Path, max_count: int | None) -> dict[str, list[dict[str, Any]]]:
     """Transfer from every source to remeshed versions of itself, in its own and in another pose.
 
     Args:
         data: folder of the sets.
-        most: maximum number of shapes; None for all.
+        max_count: maximum number of shapes; None for all.
 
     Returns:
         `rows`: medians of the figures for each pose and method; `pairs`: the figures of each shape.
     """
-    pairs = [row for case in tqdm(make_cases(data, most), desc="targets") for row in _rows(case)]
+    pairs = [row for case in tqdm(make_cases(data, max_count), desc="targets") for row in _rows(case)]
     pairs.sort(key=lambda row: (row["pose"], list(WAYS).index(row["way"])))
     rows = [
         {"pose": pose, "way": way, **_medians(list(group))}

@@ -66,13 +66,13 @@ class Case:
     aligned: Floats
 
 
-def make_cases(data: Path, most: int | None, seed: int = 0) -> Iterator[Case]:
+def make_cases(data: Path, max_count: int | None, seed: int = 0) -> Iterator[Case]:
     """The demo's character and the shapes of a folder, each with remeshed versions in its own and another pose."""
     shapes: list[tuple[Path | None, Path | None]] = [(None, None), *_same_vertices(data / "tosca_full")]
     for folder in ("faust_r", "tosca_r"):
         shapes += [(path, None) for path in sorted((data / folder).glob("*.off"))[::EVERY]]
-    if most is not None and most < len(shapes):
-        shapes = [shapes[i] for i in np.linspace(0, len(shapes) - 1, most).round().astype(int)]
+    if max_count is not None and max_count < len(shapes):
+        shapes = [shapes[i] for i in np.linspace(0, len(shapes) - 1, max_count).round().astype(int)]
     for path, other in shapes:
         for pose in ("other", "same"):
             bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)

@@ -162,25 +162,27 @@ def _made_twice(of_set: str, name: str, make: Callable[[int, int], zo.Surface]) 
         yield Case(of_set, f"{name} {turn}", source, _turn(target, turn), error)
 
 
-def _round(data: Path, most: int | None) -> Iterator[Case]:
+def _round(data: Path, max_count: int | None) -> Iterator[Case]:
     """Solids and things with rotational symmetries; only one of these maps counts as right."""
     from benchmarks.generate.things import THINGS, thing  # only if Blender is installed to build them
 
-    for name, radius in evenly([("cube", made.CUBE), ("icosahedron", made.ICOSAHEDRON), ("gear", made.gear)], most):
+    for name, radius in evenly(
+        [("cube", made.CUBE), ("icosahedron", made.ICOSAHEDRON), ("gear", made.gear)], max_count
+    ):
         yield from _made_twice("solids", name, partial(made.round_shape, radius))
-    for name in evenly(list(THINGS), most):
+    for name in evenly(list(THINGS), max_count):
         yield from _made_twice("things", name, partial(thing, name))
 
 
-def _without_extremities(data: Path, most: int | None) -> Iterator[Case]:
+def _without_extremities(data: Path, max_count: int | None) -> Iterator[Case]:
     """The same shapes, with all rotations counted as right, and shapes without extremities."""
-    for case in _round(data, most):
+    for case in _round(data, max_count):
         yield case._replace(error=partial(_off_rigid, case))
-    for name, radius in evenly([("egg", made.egg), ("box", made.BOX)], most):
+    for name, radius in evenly([("egg", made.egg), ("box", made.BOX)], max_count):
         yield from _made_twice("eggs and boxes", name, partial(made.round_shape, radius))
     folder = data / "specimens"
     with np.load(folder / "landmarks.npz") as landmarks:
-        for line in evenly((folder / "pairs.txt").read_text().splitlines(), most):
+        for line in evenly((folder / "pairs.txt").read_text().splitlines(), max_count):
             target, source = line.split()
             yield _specimens(folder / "shapes", source, target, landmarks[source], landmarks[target])
 
@@ -204,10 +206,10 @@ def _specimens(folder: Path, source_name: str, target_name: str, there: Floats, 
     return Case("specimens", f"{target_name} {source_name}", source, target, error)
 
 
-def _parts_in_other_units(data: Path, most: int | None) -> Iterator[Case]:
+def _parts_in_other_units(data: Path, max_count: int | None) -> Iterator[Case]:
     folder = data / "partial"
     for kind in PARTS.values():
-        for name in part_names(folder, most, [kind]):
+        for name in part_names(folder, max_count, [kind]):
             pair = PairOfParts.load(folder, name)
             target = pair.target.with_vertices(ANOTHER_UNIT * pair.target.vertices)
 
@@ -217,13 +219,13 @@ def _parts_in_other_units(data: Path, most: int | None) -> Iterator[Case]:
             yield Case(kind, name, pair.source, target, error)
 
 
-def _of_many_parts(data: Path, most: int | None) -> Iterator[Case]:
+def _of_many_parts(data: Path, max_count: int | None) -> Iterator[Case]:
     """Characters of many parts; the error is the share of vertices mapped to a wrong limb or bone."""
     from benchmarks.characters.cases import Case as CharacterCase  # it starts Blender
     from benchmarks.characters.cases import cases
     from benchmarks.characters.figures import wrong
 
-    for case in cases(data / "characters", most):
+    for case in cases(data / "characters", max_count):
 
         def error(found: zo.SurfaceMap, case: CharacterCase = case) -> float:
             return float(wrong(case, found).mean())

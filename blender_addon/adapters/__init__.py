@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Adapters between Blender's data and the core: a module for each kind, whose `collect` chooses what is transferred.
+"""Adapters between Blender's data and the core: a module for each kind, whose `collect` chooses the data of a transfer.
 
 Names are imported on first use.
 """

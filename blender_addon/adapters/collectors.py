@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The functions that choose what is transferred, one for each type of data."""
+"""Functions that choose the data of a transfer, one for each type."""
 
 from __future__ import annotations
 

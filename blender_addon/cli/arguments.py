@@ -26,7 +26,7 @@ from . import NAME
 MORE_CHOICES = {"detail": tuple(DETAIL)}
 LAYERS = tuple(name for name in LayerOptions.__annotations__ if name != "uv_layout")
 CHECKS = ("shape", "weights")
-# Commands that leave the open file as it is.
+# Commands that do not change the open file.
 READING = ("surface", "assets", "library", "outfits")
 
 
@@ -70,28 +70,14 @@ def _parser() -> argparse.ArgumentParser:
         "symmetries.",
     )
     commands = parser.add_subparsers(dest="command", required=True)
-    match = commands.add_parser("match", help="match targets with a source, and store the matches in the file")
-    _add_pair(match)
-    transfer = commands.add_parser("transfer", help="transfer data from a source to targets, matching them if needed")
-    _add_pair(transfer)
-    transfer.add_argument("--data", nargs="+", choices=DATA, default=USUAL_DATA, metavar="KIND", help=", ".join(DATA))
-    _add_force(transfer)
-    for group in (BlendOptions, BindChoice, BindOptions, BindView):
-        _add_options(transfer, group)
-    wrap = commands.add_parser("wrap", help="deform targets to the shape of a source, or a source to that of a target")
-    _add_objects(wrap)
-    _add_options(wrap, MatchOptions)
-    _add_options(wrap, WrapOptions)
-    _add_force(wrap)
-    dress = commands.add_parser("dress", help="fit copies of a source's clothes, hair and other objects to targets")
-    _add_objects(dress)
-    dress.add_argument(
-        "--thing", action="append", dest="things", default=[], metavar="NAME", help="object; may be repeated"
+    _add_pair(commands.add_parser("match", help="match targets with a source, and store the matches in the file"))
+    _add_transfer(
+        commands.add_parser("transfer", help="transfer data from a source to targets, matching them if needed")
     )
-    dress.add_argument("--collection", metavar="NAME", help="collection of such objects")
-    _add_options(dress, MatchOptions)
-    _add_options(dress, DressOptions)
-    _add_force(dress)
+    _add_wrap(
+        commands.add_parser("wrap", help="deform targets to the shape of a source, or a source to that of a target")
+    )
+    _add_dress(commands.add_parser("dress", help="fit copies of a source's clothes, hair and other objects to targets"))
     _add_symmetry(commands.add_parser("symmetry", help="find the symmetry of objects, and mirror their data along it"))
     _add_carry(commands.add_parser("carry", help="transfer from the meshes of one file to those of another"))
     _add_faces(commands.add_parser("faces", help="transfer the expression keys of a head, and draw them all"))
@@ -110,6 +96,35 @@ def _parser() -> argparse.ArgumentParser:
         command.add_argument("--report", metavar="REPORT.json", help="write a report")
         command.add_argument("--in-place", action="store_true", help="allow outputs to overwrite input files")
     return parser
+
+
+def _add_transfer(parser: argparse.ArgumentParser) -> None:
+    """Add options of a transfer between objects."""
+    _add_pair(parser)
+    parser.add_argument("--data", nargs="+", choices=DATA, default=USUAL_DATA, metavar="KIND", help=", ".join(DATA))
+    _add_force(parser)
+    for group in (BlendOptions, BindChoice, BindOptions, BindView):
+        _add_options(parser, group)
+
+
+def _add_wrap(parser: argparse.ArgumentParser) -> None:
+    """Add options of wrapping."""
+    _add_objects(parser)
+    _add_options(parser, MatchOptions)
+    _add_options(parser, WrapOptions)
+    _add_force(parser)
+
+
+def _add_dress(parser: argparse.ArgumentParser) -> None:
+    """Add options of dressing."""
+    _add_objects(parser)
+    parser.add_argument(
+        "--thing", action="append", dest="things", default=[], metavar="NAME", help="object; may be repeated"
+    )
+    parser.add_argument("--collection", metavar="NAME", help="collection of such objects")
+    _add_options(parser, MatchOptions)
+    _add_options(parser, DressOptions)
+    _add_force(parser)
 
 
 def _add_force(parser: argparse.ArgumentParser) -> None:
@@ -241,7 +256,7 @@ def _add_objects(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_pair(parser: argparse.ArgumentParser) -> None:
-    """Add options of which objects to match, and how."""
+    """Add options that choose the objects to match, and the way."""
     _add_objects(parser)
     parser.add_argument("--source-collection", metavar="NAME", help="collection of the meshes to copy data from")
     parser.add_argument("--target-collection", metavar="NAME", help="collection of the meshes that receive the data")
@@ -265,7 +280,7 @@ def _add_symmetry(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--object", required=True, action="append", dest="objects", metavar="NAME", help="object; may be repeated"
     )
-    parser.add_argument("--anew", action="store_true", help="find symmetries again, even if an object has some")
+    parser.add_argument("--detect-again", action="store_true", help="find symmetries again, even if an object has some")
     _add_options(parser, DetectOptions)
     parser.add_argument("--use", type=_number(int, 1, None), metavar="N", help="use the Nth symmetry found")
     parser.add_argument("--swap-sides", action="store_true", help="swap left and right")
@@ -323,15 +338,15 @@ def _argument(flag: str, name: str, option: Any) -> tuple[str, dict[str, Any]]:
     }
 
 
-def _number(kind: type, least: float | None, most: float | None) -> Callable[[str], float]:
+def _number(kind: type, minimum: float | None, maximum: float | None) -> Callable[[str], float]:
     """A parser of numbers in a range."""
 
     def read(text: str) -> float:
         number: float = kind(text)
-        if least is not None and number < least:
-            raise argparse.ArgumentTypeError(f"{text} is less than {least:g}")
-        if most is not None and number > most:
-            raise argparse.ArgumentTypeError(f"{text} is more than {most:g}")
+        if minimum is not None and number < minimum:
+            raise argparse.ArgumentTypeError(f"{text} is less than {minimum:g}")
+        if maximum is not None and number > maximum:
+            raise argparse.ArgumentTypeError(f"{text} is more than {maximum:g}")
         return number
 
     read.__name__ = kind.__name__  # argparse uses it in the error where a text is not a number

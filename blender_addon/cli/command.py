@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Run the command on the open file, print what it did, and write the report."""
+"""Run the command on the open file, print the outcome, and write the report."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ RUN = {
 }
 # Commands that read two files.
 OF_FILES = ("carry", "faces")
-# Commands without a source and targets, and what they work on.
+# Commands without a source and targets, and the objects that they work on.
 WITHOUT_PAIRS = {
     "symmetry": "objects",
     "surface": "objects",
@@ -88,7 +88,7 @@ def run(command_line: Sequence[str]) -> int:
 
 
 def _print(command: str, preposition: str, entries: Mapping[str, dict[str, Any]]) -> None:
-    """Print what a command did to, or of, each object, by its name."""
+    """Print the outcome of a command for each object, by its name."""
     for name, entry in entries.items():
         print(f"zoomout: {command} {preposition} '{name}' {'failed' if 'error' in entry else 'done'}")
         for line in _lines(entry):
@@ -101,7 +101,7 @@ def _with_warnings(entry: dict[str, Any]) -> dict[str, Any]:
 
 
 def _lines(entry: Mapping[str, Any]) -> list[str]:
-    """The lines of a report for the user: the verdict, what was done or skipped, and notes."""
+    """The lines of a report for the user: the verdict, completed and skipped work, and notes."""
     verdict = zo.Verdict(**entry["verdict"]) if entry.get("verdict") else None
     skipped = [f"{name}: skipped, {reason}" for name, reason in entry.get("skipped", {}).items()]
     left_out = entry.get("left_out", {}).values()

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,12 +20,11 @@ from zoomout_core.mesh.formats.files import write_shape
 from zoomout_core.outfits.command import dress_files, find_avatars
 from zoomout_core.runtime.outputs import atomic_write
 
-from ..adapters import DEFAULT
 from ..properties.dress import DressOptions
 from ..properties.transfer import BindOptions, BlendOptions
 from ..scene.selection import asset_libraries
+from ..services.carry import FileTransfer, read_file
 from ..services.carry import carry as carry_file
-from ..services.carry import read_file
 from ..services.dressing.read import Dressing
 from ..services.expressions import Review, has_keys, review_expressions
 from ..services.key_names import rename_shape_keys
@@ -101,20 +100,27 @@ def carry(context: Context, options: argparse.Namespace) -> dict[str, Any]:
         MeshError: a file cannot be used, or the map belongs to other files.
     """
     binding = BindOptions.how_to_bind(as_in_sidebar(options, BindOptions))
-    outcome = carry_file(
-        context,
+    transfer = replace(
+        _file_transfer(options, options.data),
+        settings=BlendOptions.settings(as_in_sidebar(options, BlendOptions)),
+        binding=replace(binding, move_rig=options.move_rig) if options.bind or options.move_rig else None,
+    )
+    outcome = carry_file(context, transfer)
+    return outcome.done | {name: {"error": reason} for name, reason in outcome.failed.items()}
+
+
+def _file_transfer(options: argparse.Namespace, data: Collection[str]) -> FileTransfer:
+    """The transfer between two files that options describe, with default settings."""
+    return FileTransfer(
         options.source,
         options.target,
         options.save,
-        data=options.data,
-        settings=BlendOptions.settings(as_in_sidebar(options, BlendOptions)),
-        binding=replace(binding, move_rig=options.move_rig) if options.bind or options.move_rig else None,
+        data,
+        in_place=options.in_place,
         map_file=options.map,
         detail=options.detail,
-        in_place=options.in_place,
         force=options.force,
     )
-    return outcome.done | {name: {"error": reason} for name, reason in outcome.failed.items()}
 
 
 def faces(context: Context, options: argparse.Namespace) -> dict[str, Any]:
@@ -137,20 +143,7 @@ def faces(context: Context, options: argparse.Namespace) -> dict[str, Any]:
         if outcome.done:
             reviews.append(review_expressions(context, sources, matches))
 
-    outcome = carry_file(
-        context,
-        options.source,
-        options.target,
-        options.save,
-        data=("shape_keys",),
-        settings=DEFAULT,
-        binding=None,
-        map_file=options.map,
-        detail=options.detail,
-        in_place=options.in_place,
-        review=review,
-        force=options.force,
-    )
+    outcome = carry_file(context, _file_transfer(options, ("shape_keys",)), review)
     failed = {name: reason for name, reason in outcome.failed.items() if name not in without or not outcome.done}
     entries = outcome.done | {name: {"error": reason} for name, reason in failed.items()}
     for found in reviews:

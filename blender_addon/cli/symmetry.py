@@ -41,7 +41,7 @@ def run(context: Context, options: argparse.Namespace) -> dict[str, Any]:
 
 def _work(context: Context, obj: Object, options: argparse.Namespace, done: list[str]) -> None:
     """Do the requested steps in turn, and add a sentence about each to `done`, so that it has those before an error."""
-    if options.anew or not _is_known(obj):
+    if options.detect_again or not _is_known(obj):
         found = detect_symmetry(context, obj, options.left.upper())
         done.append(found_summary(obj.name, found))
     if options.use:

@@ -17,7 +17,7 @@ from .rigs.armatures import Place, copy_modifier
 
 # Kinds of data-blocks that writing adds to the file, users before the data-blocks that they use.
 ADDED_TO = ("objects", "meshes", "hair_curves", "collections", "actions", "materials", "node_groups", "images")
-# Kinds of which an added data-block stays while it has users: it may hold what was restored, see `outfit_bones`.
+# Kinds of which an added data-block stays while it has users: it may have restored data, see `outfit_bones`.
 ADDED_IF_UNUSED = ("armatures",)
 
 

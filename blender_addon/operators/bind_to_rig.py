@@ -10,13 +10,12 @@ from bpy.types import Context
 
 from .. import services
 from ..adapters import Binding
-from ..jobs import Work
 from ..properties.match import MatchOptions
 from ..properties.settings import SourceName, take_settings
 from ..properties.transfer import BLENDING, NAMING, BindOptions, BindView, BlendOptions
 from ..scene.selection import sources_of_targets
-from ..viewport import preview
 from .base.modal_operator import ModalOperator
+from .base.transfer_to_targets import transfer_to_targets
 
 
 class ZOOMOUT_OT_bind_to_rig(SourceName, MatchOptions, BlendOptions, BindOptions, BindView, ModalOperator):
@@ -51,25 +50,4 @@ def draw_binding(operator: ModalOperator, names: Sequence[str]) -> None:
 
 async def bind_targets(operator: Any, context: Context, binding: Binding) -> list[dict[str, Any]]:
     """Bind the active and other selected meshes, by the options of an operator; returns their reports."""
-    source_of = sources_of_targets(context, operator.source)
-    settings, options = operator.settings(), operator.match_options()
-
-    undo_step = operator.adds_undo_steps and len(source_of) == 1
-    use = services.matching.made_match.MatchUse(operator.options.is_repeat, remedy=operator.remedy, undo_step=undo_step)
-
-    def work(target: str) -> Work[services.targets.Write[dict[str, Any]]]:
-        return services.transfer.prepare_transfer(
-            context,
-            source_of[target],
-            target,
-            (),
-            settings,
-            binding,
-            use,
-            **options,
-        )
-
-    outcome = await services.targets.each_target(list(source_of), work)
-    preview.clear()  # it would hide the result
-    operator.report_failed(outcome)
-    return list(outcome.done.values())
+    return await transfer_to_targets(operator, context, sources_of_targets(context, operator.source), (), binding)

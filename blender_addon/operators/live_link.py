@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Link the active and other selected meshes to their sources, and update what a modifier cannot write."""
+"""Link the active and other selected meshes to their sources, and update data that a modifier cannot write."""
 
 from __future__ import annotations
 

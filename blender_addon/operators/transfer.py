@@ -3,21 +3,18 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from bpy.types import Context
 
 import zoomout_core as zo
 
 from .. import services
-from ..jobs import Work
 from ..properties.match import MatchOptions
 from ..properties.settings import OwnSources, SourceName, take_settings
 from ..properties.transfer import BLENDING, NAMING, BindChoice, BindOptions, BindView, BlendOptions, TransferOptions
 from ..scene.selection import chosen_targets, sources_of_targets
 from ..storage import stored_match
-from ..viewport import preview
 from .base.modal_operator import ModalOperator
+from .base.transfer_to_targets import transfer_to_targets
 
 
 class ZOOMOUT_OT_transfer(
@@ -54,30 +51,11 @@ class ZOOMOUT_OT_transfer(
     async def work(self, context: Context) -> str:
         take_settings(self, context.scene.zoomout)
         source_of = _own_sources(context) if self.own_sources else sources_of_targets(context, self.source)
-        data, settings, options = self.data(), self.settings(), self.match_options()
         binding = self.how_to_bind() if self.bind else None
-
-        undo_step = self.adds_undo_steps and len(source_of) == 1
-        use = services.matching.made_match.MatchUse(self.options.is_repeat, remedy=self.remedy, undo_step=undo_step)
-
-        def work(target: str) -> Work[services.targets.Write[dict[str, Any]]]:
-            return services.transfer.prepare_transfer(
-                context,
-                source_of[target],
-                target,
-                data,
-                settings,
-                binding,
-                use,
-                **options,
-            )
-
-        outcome = await services.targets.each_target(list(source_of), work)
-        preview.clear()  # it would hide the result
+        reports = await transfer_to_targets(self, context, source_of, self.data(), binding)
         if self.hide_source:
-            services.binding.write.hide_sources(context, outcome.done.values())
-        self.report_failed(outcome)
-        return services.transfer_report.summarise_targets(outcome.done.values(), self.hide_source)
+            services.binding.write.hide_sources(context, reports)
+        return services.transfer_report.summarise_targets(reports, self.hide_source)
 
 
 def _own_sources(context: Context) -> dict[str, str]:

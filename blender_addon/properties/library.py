@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Settings of the search for a source in libraries, and what it found.
+"""Settings of the search for a source in libraries, and its results.
 
 Blender needs evaluated property annotations, so this module does not postpone them.
 """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The work on objects of a scene, without interface: shared by operators, panels, the command line and `api`.
+"""Functions on objects of a scene, without an interface: operators, panels, the command line and `api` share them.
 
 Modules are imported on first use, as `services.wrap.prepare_wrap`.
 """
@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from . import carry as carry
     from . import check_motion as check_motion
     from . import clear_data as clear_data
-    from . import constraints as constraints
     from . import dressing as dressing
     from . import expressions as expressions
     from . import face_landmarks as face_landmarks

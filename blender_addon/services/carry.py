@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -17,7 +18,7 @@ from zoomout_core.messages import warning
 from zoomout_core.runtime.outputs import check_output, is_same_file
 
 from .. import mesh_data
-from ..adapters import Binding, Settings
+from ..adapters import DEFAULT, Binding, Settings
 from ..jobs import Work, run
 from ..scene.files import Brought, keep_as_blend, open_scene, shown_meshes
 from ..scene.pair import find_mesh, fingerprint_source, fingerprint_target
@@ -60,21 +61,36 @@ def read_file(context: Context, path: str, role: str) -> dict[str, zo.Surface]:
     return {name: ROLES[role](find_mesh(context, name), context.evaluated_depsgraph_get()) for name in names}
 
 
-def carry(
-    context: Context,
-    source: str,
-    target: str,
-    output: str,
-    *,
-    data: Collection[str],
-    settings: Settings,
-    binding: Binding | None,
-    map_file: str,
-    detail: str,
-    in_place: bool = False,
-    review: Review | None = None,
-    force: bool = False,
-) -> Outcome[dict[str, Any]]:
+@dataclass(frozen=True)
+class FileTransfer:
+    """A transfer from the meshes of one file to those of another.
+
+    Attributes:
+        source: the file with the data, or an asset in a .blend file, see `split_asset`.
+        target: the file that receives it.
+        output: the file that will be written, which the target's file must not refer to; empty if none.
+        in_place: whether the output may overwrite a file that is read.
+        data: the kinds of data to transfer.
+        settings: how to transfer them.
+        binding: how to bind targets to the armatures of their sources, if any; None not to bind them.
+        map_file: file with the map; empty to match the files now.
+        detail: detail of that match, one of `DETAIL`.
+        force: whether to transfer along a match that is probably wrong.
+    """
+
+    source: str
+    target: str
+    output: str
+    data: Collection[str]
+    in_place: bool = False
+    settings: Settings = DEFAULT
+    binding: Binding | None = None
+    map_file: str = ""
+    detail: str = "balanced"
+    force: bool = False
+
+
+def carry(context: Context, transfer: FileTransfer, review: Review | None = None) -> Outcome[dict[str, Any]]:
     """Transfer the data of one file's meshes to those of another file, which is open afterwards.
 
     Data-blocks from the source's file are removed again, except those that the targets now use, such as materials and
@@ -82,17 +98,8 @@ def carry(
 
     Args:
         context: Blender's.
-        source: the file with the data, or an asset in a .blend file, see `split_asset`.
-        target: the file that receives it.
-        output: the file that will be written, which the target's file must not refer to; empty if none.
-        data: the kinds of data to transfer.
-        settings: how to transfer them.
-        binding: how to bind targets to the armatures of their sources, if any; None not to bind them.
-        map_file: file with the map; empty to match the files now.
-        detail: detail of that match, one of `DETAIL`.
-        in_place: whether the output may overwrite a file that is read.
+        transfer: the files, the data and the match.
         review: called after the transfer, while the objects of both files are in the scene.
-        force: whether to transfer along a match that is probably wrong.
 
     Returns:
         Reports by the names of the targets, see `stored_report`.
@@ -101,23 +108,20 @@ def carry(
         MeshError: a file cannot be used, the map belongs to other files, or the match is probably wrong.
         OutputError: the output is one of the files that are read.
     """
-    file = split_asset(Path(source))[0]
-    if is_same_file(file, target):
-        raise zo.MeshError(f"{source} is both source and target: give two files.")
-    surfaces = read_file(context, source, "source")
-    with keep_as_blend(source) as library:
-        own = read_file(context, target, "target")
-        if output:
-            check_output(output, [file, target, *bpy.utils.blend_paths(absolute=True)], in_place)
+    file = split_asset(Path(transfer.source))[0]
+    if is_same_file(file, transfer.target):
+        raise zo.MeshError(f"{transfer.source} is both source and target: give two files.")
+    surfaces = read_file(context, transfer.source, "source")
+    with keep_as_blend(transfer.source) as library:
+        own = read_file(context, transfer.target, "target")
+        if transfer.output:
+            read = [file, transfer.target, *bpy.utils.blend_paths(absolute=True)]
+            check_output(transfer.output, read, transfer.in_place)
         brought = Brought(context, library, list(surfaces))
-    sources = Parts.of([fingerprint_source(context, name) for name in brought.names], list(surfaces.values()))
-    targets = Parts.of([fingerprint_target(context, name) for name in own], list(own.values()))
-    known = KnownMatch.load(map_file, sources.joined, targets.joined) if map_file else None
-    matches = run(prepare_parts(context, sources, targets, known, detail))()
-    check_verdicts(matches, force)
+    matches = _match_files(context, brought.names, surfaces, own, transfer)
 
     def work(name: str) -> Work[Write[dict[str, Any]]]:
-        return _prepare(context, matches[name][0], name, data, settings, binding)
+        return _prepare(context, matches[name][0], name, transfer)
 
     outcome = run(each_target(list(own), work))
     if review is not None:
@@ -129,14 +133,29 @@ def carry(
     return outcome
 
 
-async def _prepare(
-    context: Context, source: str, target: str, data: Collection[str], settings: Settings, binding: Binding | None
-) -> Write[dict[str, Any]]:
+def _match_files(
+    context: Context,
+    source_names: Sequence[str],
+    source_surfaces: Mapping[str, zo.Surface],
+    targets: Mapping[str, zo.Surface],
+    transfer: FileTransfer,
+) -> dict[str, tuple[str, stored_match.StoredMatch]]:
+    """Match the objects of two files, or load their map; returns the first source and the match of each target."""
+    sources = Parts.of([fingerprint_source(context, name) for name in source_names], list(source_surfaces.values()))
+    joined = Parts.of([fingerprint_target(context, name) for name in targets], list(targets.values()))
+    known = KnownMatch.load(transfer.map_file, sources.joined, joined.joined) if transfer.map_file else None
+    matches = run(prepare_parts(context, sources, joined, known, transfer.detail))()
+    check_verdicts(matches, transfer.force)
+    return matches
+
+
+async def _prepare(context: Context, source: str, target: str, transfer: FileTransfer) -> Write[dict[str, Any]]:
     """Prepare a transfer that binds the target if possible; otherwise a note gives the reason."""
+    data, settings = transfer.data, transfer.settings
     unbound: str = ""
-    if binding is not None:
+    if transfer.binding is not None:
         try:
-            return await prepare_transfer(context, source, target, data, settings, binding)
+            return await prepare_transfer(context, source, target, data, settings, transfer.binding)
         except zo.MeshError as error:
             unbound = warning("'{target}' was not bound to a rig: {reason}", target=target, reason=error)
     write = await prepare_transfer(context, source, target, data, settings)

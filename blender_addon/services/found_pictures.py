@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Pictures of what the last search in libraries found."""
+"""Pictures of the results of the last search in libraries."""
 
 from __future__ import annotations
 

@@ -34,7 +34,7 @@ PREPARED = 0.5
 # Share of the visible surface of a file above which the assets in it stand for it: a sword may be marked alone, but not
 # its bearer.
 MOSTLY = 0.5
-# Pixels of the pictures of what was found, in width and height.
+# Pixels of the pictures of results, in width and height.
 PICTURE = 128
 
 

@@ -44,9 +44,9 @@ from ..scene.stored_pair import stored_pair
 from .binding.bind import Bound, prepare_binding
 from .binding.check import check_binding
 from .binding.write import hide_sources, keep_match, write_bound, write_posed_shape
-from .constraints import check_options
 from .dressing.dress import take_to_rest
 from .matching.made_match import BY_SCRIPT, FoundMatch, MatchUse, find_match, push_match, store_and_stop
+from .matching.pair_match import check_options
 from .targets import Write
 from .transfer_report import unused_settings, write_report
 

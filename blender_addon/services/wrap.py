@@ -26,9 +26,9 @@ from ..scene.landmarks import LandmarkPairs, landmark_pairs
 from ..scene.pair import check_writable, find_mesh, fingerprint_source, fingerprint_target, name_of, writing
 from ..scene.stored_pair import stored_pair
 from ..storage import stored_match
-from .constraints import check_options
 from .matching import previews
 from .matching.made_match import BY_SCRIPT, MatchUse, find_match, store_and_stop
+from .matching.pair_match import check_options
 from .targets import Write
 
 # Fractions of the progress for a new match, and for reversing a match.

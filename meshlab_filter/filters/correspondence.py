@@ -12,21 +12,14 @@ import zoomout_core as zo
 from meshlab_filter.catalogue import mesh_filter
 from meshlab_filter.filters.match_parameters import ACCURACY, MATCHING, SOURCE, STORED, STORED_OR_NEW, TARGET
 from meshlab_filter.filters.matches import find_correspondence, match_layers, report_on
-from meshlab_filter.mesh_data import (
-    Layer,
-    add_layer,
-    apply_native,
-    attribute_values,
-    check_target,
-    custom_names,
-    read_layer,
-)
+from meshlab_filter.layer import Layer
+from meshlab_filter.mesh_data import add_layer, apply_native, attribute_values, check_target, custom_names, read_layer
 from meshlab_filter.parameters import LENGTH, TEXT, Parameter, absolute_length
 from meshlab_filter.stored import Correspondence, attribute_names, check_names, partner_name, read_stored, store
 from zoomout_core.arrays import Floats
 from zoomout_core.matching.presets import resolve_detail
 from zoomout_core.matching.refinement.confidence import cycle_error
-from zoomout_core.mesh.surface import vertex_numbers
+from zoomout_core.mesh.input_checks import vertex_numbers
 from zoomout_core.mesh.triangles import vertex_normals
 from zoomout_core.runtime.progress import portion, stage
 

@@ -9,7 +9,7 @@ from contextvars import ContextVar
 from typing import TYPE_CHECKING, Any
 
 import zoomout_core as zo
-from meshlab_filter.mesh_data import Layer
+from meshlab_filter.layer import Layer
 from meshlab_filter.stored import Correspondence, read_stored
 from zoomout_core.matching.option_table import Interface
 from zoomout_core.matching.presets import resolve_detail

@@ -13,7 +13,8 @@ import zoomout_core as zo
 from meshlab_filter.catalogue import mesh_filter
 from meshlab_filter.filters.match_parameters import MATCHING, SOURCE, STORED_OR_NEW, TARGET
 from meshlab_filter.filters.matches import find_correspondence
-from meshlab_filter.mesh_data import TEXCOORD, Layer, add_layer, check_target, custom_names, read_layer
+from meshlab_filter.layer import TEXCOORD, Layer
+from meshlab_filter.mesh_data import add_layer, check_target, custom_names, read_layer
 from meshlab_filter.parameters import COUNT, TEXT, Parameter
 from meshlab_filter.textures import Textures, image_of, pixels
 from zoomout_core.messages import warning

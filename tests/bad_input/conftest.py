@@ -44,9 +44,9 @@ def size_limit() -> Limit:
     resource = pytest.importorskip("resource")
 
     @contextmanager
-    def limited(most: int) -> Iterator[None]:
+    def limited(max_bytes: int) -> Iterator[None]:
         soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-        resource.setrlimit(resource.RLIMIT_FSIZE, (most, hard))
+        resource.setrlimit(resource.RLIMIT_FSIZE, (max_bytes, hard))
         try:
             yield
         finally:

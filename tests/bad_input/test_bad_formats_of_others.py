@@ -11,8 +11,8 @@ from time import process_time
 import pytest
 
 import zoomout_core as zo
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.xml_instances import check_instances
-from zoomout_core.mesh.surface import MeshError
 
 MODEL = '<model xmlns="http://schemas.microsoft.com/3dmanufacturing/core/2015/02"><resources>{}</resources>{}</model>'
 SHOWN = '<visual_scene id="s"><instance_node url="#n39"/></visual_scene>'

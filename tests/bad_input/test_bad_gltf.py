@@ -14,8 +14,8 @@ from interfaces import assert_refused, run
 
 import zoomout_core as zo
 from zoomout_core.cli import main
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.files import read_shape
-from zoomout_core.mesh.surface import MeshError
 
 
 def test_the_document_itself_is_read(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ import zoomout_core as zo
 from zoomout_core.cli import main
 from zoomout_core.landmark_files import LandmarkSet, read_landmark_file, write_landmark_file
 from zoomout_core.matching import retry
-from zoomout_core.mesh.surface import MeshError
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.text_arguments import read_landmarks
 
 SEARCH_AGAIN = retry._with_more_guesses  # which tests of bad input leave out

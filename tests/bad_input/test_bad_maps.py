@@ -19,7 +19,7 @@ import zoomout_core as zo
 from zoomout_core.cli import main
 from zoomout_core.maps.known_match import KnownMatch
 from zoomout_core.maps.surface_map import read_vertex_map
-from zoomout_core.mesh.surface import MeshError
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.runtime.array_files import ArrayFileError, read_arrays
 from zoomout_core.runtime.object_files import CHECKSUM
 

@@ -20,7 +20,7 @@ from blender_addon import api
 from blender_addon.storage import stored_candidates, stored_match, stored_report, stored_symmetry
 from blender_addon.ui.panels.result import ZOOMOUT_PT_result
 from blender_addon.ui.panels.transfer import ZOOMOUT_PT_report
-from zoomout_core.mesh.surface import MeshError
+from zoomout_core.mesh.errors import MeshError
 
 
 @pytest.fixture

@@ -23,10 +23,10 @@ import zoomout_core
 from zoomout_core.collection import dask_engine
 from zoomout_core.collection.dask_engine import OnDask, check_open_files, check_working_folder, local_engine
 from zoomout_core.collection.engine import Task
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats import blender_files
 from zoomout_core.mesh.formats.blender_files import PROGRAM, blender_command
 from zoomout_core.mesh.formats.files import write_shape
-from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.child_process import SAFE_PATH, child_environment, leave_out_working_folder
 
 REPOSITORY = Path(zoomout_core.__file__).parents[1]

@@ -15,9 +15,9 @@ import pytest
 from test_bad_maps import SURFACE, WHOLE, stating
 
 import zoomout_core as zo
-from zoomout_core.mesh.surface import MeshError
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.runtime.array_files import ArrayFileError, read_arrays
-from zoomout_core.runtime.input_files import ALWAYS_ALLOWED, ExpansionError, check_expansion, most_bytes
+from zoomout_core.runtime.input_files import ALWAYS_ALLOWED, ExpansionError, check_expansion, max_bytes
 
 MODEL = '<model xmlns="http://schemas.microsoft.com/3dmanufacturing/core/2015/02"><resources><object id="1"><mesh>'
 VERTEX, MEGABYTE = '<vertex x="0" y="0" z="0"/>', 1 << 20
@@ -91,9 +91,9 @@ def test_ordinary_maps_stay_within_the_bound(tmp_path: Path) -> None:
 
 
 def test_expansion_bound_grows_with_archive_size(tmp_path: Path) -> None:
-    assert most_bytes(0) == most_bytes(ALWAYS_ALLOWED // 100) == ALWAYS_ALLOWED
-    assert most_bytes(MEGABYTE) == 100 * MEGABYTE
-    assert most_bytes(1 << 40) == 1 << 31
+    assert max_bytes(0) == max_bytes(ALWAYS_ALLOWED // 100) == ALWAYS_ALLOWED
+    assert max_bytes(MEGABYTE) == 100 * MEGABYTE
+    assert max_bytes(1 << 40) == 1 << 31
     with zipfile.ZipFile(io.BytesIO(archive(a=bytes(MEGABYTE)))) as made:
         check_expansion(made)
         with pytest.raises(ExpansionError, match="it would expand to 1048576 bytes, and 1000 are allowed"):

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from fuzz import Reader, cases, fault_of, readers, run
 
-from zoomout_core.mesh.surface import MeshError
+from zoomout_core.mesh.errors import MeshError
 
 SEED = 20261123
 

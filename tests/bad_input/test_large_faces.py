@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 import zoomout_core as zo
-from zoomout_core.geometry.closest_points import HUB, Neighbourhoods, consecutive
+from zoomout_core.geometry.closest_points import consecutive
+from zoomout_core.geometry.embedded_surface import HUB, Neighbourhoods
 from zoomout_core.mesh.triangulation import MAX_FAN
 
 MANY = 2000

@@ -18,7 +18,7 @@ import zoomout_core as zo
 from meshlab_filter.commands import main
 from meshlab_filter.files import load_mesh
 from meshlab_filter.mesh_data import read_layer
-from zoomout_core.mesh.surface import MeshError
+from zoomout_core.mesh.errors import MeshError
 
 # A quad, and a triangle on its diagonal: MeshLab's search for polygons has no end.
 DIAGONAL = f"{OBJ}v 0 1 0\nf 1 2 3 4\nf 1 2 3\n".encode()

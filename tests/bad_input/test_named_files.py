@@ -18,8 +18,8 @@ from naming import CLIMBING, SECRET, make_pipe, with_image, with_library
 import zoomout_core as zo
 from zoomout_core.assets.files import inputs_of
 from zoomout_core.cli import main
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.named_files import check_named_files
-from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.input_files import OutsideError, beside, read_whole
 
 ESCAPED = {

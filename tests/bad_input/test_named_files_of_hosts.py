@@ -16,7 +16,7 @@ import blender_addon
 from blender_addon.scene.files import open_scene, save_scene
 from meshlab_filter.commands import main
 from meshlab_filter.files import load_mesh
-from zoomout_core.mesh.surface import MeshError
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.runtime.outputs import OutputError
 
 REFUSED = r"refers to .*, which is outside its folder, and is not read: move it beside the file"

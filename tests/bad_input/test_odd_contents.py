@@ -14,9 +14,9 @@ from broken_gltf import content_of, document
 
 import zoomout_core as zo
 from zoomout_core.arrays import Floats
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.files import read_shape
 from zoomout_core.mesh.formats.ply_files import strip_triangles
-from zoomout_core.mesh.surface import MeshError
 from zoomout_core.samples import creature
 
 OBJ = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"

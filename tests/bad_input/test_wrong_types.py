@@ -19,7 +19,7 @@ from scipy.sparse import csr_array
 import zoomout_core as zo
 from zoomout_core.cli import main
 from zoomout_core.matching.constraints import check_axes
-from zoomout_core.mesh.surface import MeshError
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.runtime.outputs import OutputError
 from zoomout_core.transfer import Blend
 
@@ -67,7 +67,7 @@ WRONG: dict[str, Callable[[], object]] = {
     "a number as a match to conform by": lambda: zo.conform(3, SURFACE, SURFACE),  # type: ignore[arg-type]
     "a number as a path": lambda: zo.read_surface(3),  # type: ignore[arg-type]
     "a number near a shape": lambda: zo.match_by_proximity(3, SURFACE),  # type: ignore[arg-type]
-    "a distance in words": lambda: zo.match_by_proximity(SURFACE, SURFACE, most_distance="near"),  # type: ignore[arg-type]
+    "a distance in words": lambda: zo.match_by_proximity(SURFACE, SURFACE, max_distance="near"),  # type: ignore[arg-type]
     "values in words": lambda: SAME.interpolate("values"),  # type: ignore[arg-type]
     "too few values": lambda: SAME.interpolate(np.zeros(3)),
     "vertices in words": lambda: zo.Surface("vertices", [[0, 1, 2]]),
@@ -75,10 +75,10 @@ WRONG: dict[str, Callable[[], object]] = {
     "points in words": lambda: zo.PointCloud("points"),
     "a surface as a basis": lambda: zo.wave_kernel_signature(SURFACE),  # type: ignore[arg-type]
     "a seed below zero": lambda: zo.match(SURFACE, SURFACE, seed=-1),
-    "symmetries by a letter": lambda: zo.detect_symmetry(SURFACE, most="a"),  # type: ignore[arg-type]
-    "half a symmetry": lambda: zo.detect_symmetry(SURFACE, most=0.5),  # type: ignore[arg-type]
-    "no number of symmetries": lambda: zo.detect_symmetry(SURFACE, most=None),  # type: ignore[arg-type]
-    "true symmetries": lambda: zo.detect_symmetry(SURFACE, most=True),
+    "symmetries by a letter": lambda: zo.detect_symmetry(SURFACE, max_count="a"),  # type: ignore[arg-type]
+    "half a symmetry": lambda: zo.detect_symmetry(SURFACE, max_count=0.5),  # type: ignore[arg-type]
+    "no number of symmetries": lambda: zo.detect_symmetry(SURFACE, max_count=None),  # type: ignore[arg-type]
+    "true symmetries": lambda: zo.detect_symmetry(SURFACE, max_count=True),
     "a symmetry's seed in words": lambda: zo.detect_symmetry(SURFACE, seed="one"),  # type: ignore[arg-type]
     "a left side in words": lambda: zo.detect_symmetry(SURFACE, left="up"),
     "a left side of nothing": lambda: zo.detect_symmetry(SURFACE, left=[{}, {}, {}]),  # type: ignore[arg-type]
@@ -258,7 +258,7 @@ def test_misspelt_symmetry_option_gets_a_suggestion() -> None:
     detect: Any = zo.detect_symmetry
     with pytest.raises(TypeError, match=r"detect_symmetry has no option sede: did you mean seed\?"):
         detect(SURFACE, sede=1)
-    with pytest.raises(TypeError, match="detect_symmetry has no option qqq: choose from surface, most, left"):
+    with pytest.raises(TypeError, match="detect_symmetry has no option qqq: choose from surface, max_count, left"):
         detect(SURFACE, qqq=1)
 
 

@@ -16,7 +16,7 @@ from benchmarks.tuning.leave_out import LEFT_OUT, Case, LeftOut
 from zoomout_core.matching import pipeline, retry
 
 
-def _cases(data: Path, most: int | None) -> Iterator[Case]:
+def _cases(data: Path, max_count: int | None) -> Iterator[Case]:
     source, target = creature(500), creature(400, 1, bend=0.4)
     truth = source.surface.vertices[true_vertex(source, target)]
 

@@ -53,7 +53,7 @@ def test_unknown_option_is_refused_for_stored_matches(objects):
     with pytest.raises(TypeError, match="no option called without_partner"):
         api.transfer_objects(bpy.context, *objects, data=["uv_maps"], without_partner="keep")
     assert not objects[1].data.uv_layers
-    report = api.transfer_objects(bpy.context, *objects, data=["uv_maps"], names=False, k_final=40, most_distance=0.1)
+    report = api.transfer_objects(bpy.context, *objects, data=["uv_maps"], names=False, k_final=40, max_distance=0.1)
     assert report["written"]["uv_maps"] == ["UVMap"]
 
 

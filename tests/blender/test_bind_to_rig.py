@@ -49,7 +49,7 @@ def bind(source, target, **binding):
     return api.bind_to_rig(bpy.context, source, target, api.Binding(**binding))
 
 
-def match_anew(target, at_rest):
+def match_again(target, at_rest):
     """Store the true match of a target that was changed."""
     target.data.update()
     bpy.context.view_layer.update()
@@ -145,7 +145,7 @@ def test_a_target_at_rest_keeps_its_shape():
         moved = Matrix.LocRotScale((shift, 0, 0), Euler((0, 0, 0)), (scale, scale, scale))
         target, at_rest = fine_pose_target(source, armature, {}, f"Target {shift}")
         target.data.transform(moved)
-        match_anew(target, at_rest)
+        match_again(target, at_rest)
         report = bind(source, target)
         assert report["bound"]["shape"] == "keep_shape"
         assert target.data.shape_keys is None
@@ -186,7 +186,7 @@ def test_target_shape_keys_rotate_to_the_rest_pose():
     shape[top] += turn @ [0.5, 0, 0]
     key.data.foreach_set("co", shape.ravel())
     target.data.update()
-    match_anew(target, at_rest)
+    match_again(target, at_rest)
     bind(source, target)
     moved = key_shape(target.data, "Shift") - key_shape(target.data, "Basis")
     np.testing.assert_allclose(moved[top], np.tile([0.5, 0, 0], (len(top), 1)), atol=0.02)
@@ -381,11 +381,11 @@ def test_target_posed_by_another_armature_is_bound_as_seen():
     bpy.context.scene.collection.objects.link(old)
     target.modifiers["Skeleton"].object = target.parent = old
     set_pose(old, POSE)
-    match_anew(target, at_rest)
+    match_again(target, at_rest)
     bind(source, target, replace=True)
     assert np.median(off(target, armature, at_rest)) < 2e-3
     target.modifiers["Skeleton"].object = target.parent = old
-    match_anew(target, at_rest)
+    match_again(target, at_rest)
     with pytest.raises(zo.MeshError, match=r"'Target' has shape keys and is posed by 'Rig[.]001'"):
         bind(source, target, replace=True)
 
@@ -502,7 +502,7 @@ def test_a_subdivision_of_the_target_comes_behind_the_armature():
     source, armature = source_and_rig()
     target, at_rest = pose_target(source, armature)
     target.modifiers.new("Subdivision", "SUBSURF")
-    match_anew(target, at_rest)
+    match_again(target, at_rest)
     bind(source, target)
     assert [each.type for each in target.modifiers] == ["ARMATURE", "SUBSURF"]
     target.modifiers["Subdivision"].show_viewport = False

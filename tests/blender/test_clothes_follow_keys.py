@@ -7,6 +7,7 @@ import pytest
 from mathutils import Matrix
 from rigged import pose_target, set_pose, source_and_rig, visible_positions
 from scenes import activate, key_shape, positions, set_weights, snapshot
+from test_correctives import drive
 from test_dress_objects import side, sleeve
 from true_match import keep_true_match
 
@@ -129,6 +130,27 @@ def test_keys_are_optional_and_replaced_with_the_copy():
         assert keys.key_blocks.keys() == ["Basis", "Wide"]
         assert [curve.data_path for curve in keys.animation_data.drivers] == ['key_blocks["Wide"].value']
     assert snapshot(target) == before
+
+
+def test_clothes_without_keys_fit_the_present_values():
+    """Except those of correctives, which are zero at rest."""
+    body, armature = source_and_rig()
+    cloth = sleeve(armature)
+    target, _ = pose_target(body, armature, {})
+    api.bind_to_rig(bpy.context, body, target)
+    add_key(target, "Wide", widening(target), value=1.0)
+    drive(target, "Corrective", "ROTATION_DIFF", armature, bone_target=("Lower", "Middle"))
+    far = positions(target.data) + np.array([5, 0, 0], np.float32)
+    target.data.shape_keys.key_blocks["Corrective"].points.foreach_set("co", far.ravel())
+    set_pose(armature, {"Middle": (0.4, 0, 0)})
+    report = api.dress(bpy.context, body, target, [cloth], api.Dressing(follow_keys=False))
+    copy = bpy.data.objects[report["objects"]["Sleeve"]]
+    assert copy.data.shape_keys is None
+    set_pose(armature, {})
+    assert target.data.shape_keys.key_blocks["Corrective"].value == pytest.approx(0, abs=0.01)
+    off = side(visible_positions(copy), target)
+    assert off.min() > 0
+    assert off.mean() < 0.3
 
 
 @pytest.mark.parametrize("has_it", [True, False])

@@ -148,7 +148,7 @@ def test_defaults_equal_those_of_the_sidebar(start):
 def test_every_option_of_the_sidebar_can_be_given():
     line = (
         "--initial nearest --detail fine --k-final 90 --map-file m.npz --exact-landmarks --no-landmarks --no-names "
-        "--same-up --no-upright --from-last --most-distance 0.2 --most-angle 90 --either-side --fill-below 0.3 "
+        "--same-up --no-upright --from-last --max-distance 0.2 --max-angle 90 --either-side --fill-below 0.3 "
         "--mode missing --without-partner keep "
         "--factor 0.5 --mask-group Mask --limit 4 --flip-names --group-names a=b --turning flow "
         "--bind --binding keep_shape --replace-binding"
@@ -158,7 +158,7 @@ def test_every_option_of_the_sidebar_can_be_given():
         given = as_in_sidebar(options, group)
         for name, option in group.__annotations__.items():
             assert getattr(given, name) != option.keywords.get("default", ""), name
-    assert MatchOptions.match_options(as_in_sidebar(options, MatchOptions))["most_angle"] == 90
+    assert MatchOptions.match_options(as_in_sidebar(options, MatchOptions))["max_angle"] == 90
 
 
 def test_a_target_is_bound_on_demand(tmp_path):
@@ -265,7 +265,7 @@ def test_symmetry_is_detected_again_on_request_or_after_edits(body):
     swapped = stored_symmetry.read(body).distance
     assert run("symmetry", "--object", "Body") == 0
     np.testing.assert_array_equal(stored_symmetry.read(body).distance, swapped)
-    assert run("symmetry", "--object", "Body", "--anew") == 0
+    assert run("symmetry", "--object", "Body", "--detect-again") == 0
     np.testing.assert_array_equal(stored_symmetry.read(body).distance, -swapped)
     body.data.vertices[0].co.x += 0.01
     assert run("symmetry", "--object", "Body") == 0

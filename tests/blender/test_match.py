@@ -24,7 +24,7 @@ import zoomout_core as zo
 from blender_addon import jobs
 from blender_addon.jobs import Job
 from blender_addon.scene.pair import read_pair
-from blender_addon.services.constraints import shared_regions
+from blender_addon.services.matching.hints import shared_regions
 from blender_addon.services.matching.match import match, match_objects
 from blender_addon.services.transfer import transfer_objects
 from blender_addon.storage import stored_match
@@ -131,7 +131,7 @@ def test_omitted_options_come_from_the_scene(source, target, monkeypatch):
         seen.append(options)
         raise zo.MeshError("Enough.")
 
-    monkeypatch.setattr("blender_addon.services.constraints.zo.match", spy)
+    monkeypatch.setattr("blender_addon.services.matching.pair_match.zo.match", spy)
     activate(target, source)
     bpy.context.scene.zoomout.k_final = 77
     bpy.context.scene.zoomout.initial = "PROXIMITY"
@@ -222,7 +222,7 @@ def test_up_axis_and_last_match_are_optional_evidence(source, target, monkeypatc
             arguments.update(given)
             raise zo.MeshError("Enough.")
 
-        monkeypatch.setattr("blender_addon.services.constraints.zo.match", spy)
+        monkeypatch.setattr("blender_addon.services.matching.pair_match.zo.match", spy)
         with pytest.raises(RuntimeError, match=r"Enough\."):
             bpy.ops.zoomout.match(**options)
         return arguments

@@ -15,8 +15,8 @@ import zoomout_core as zo
 from blender_addon import api, cli, jobs
 from blender_addon.scene.faults import TORN
 from blender_addon.scene.pair import read_pair
-from blender_addon.services.constraints import _contradicts_names
 from blender_addon.services.matching.match import match_objects
+from blender_addon.services.matching.pair_match import _contradicts_names
 from blender_addon.services.matching.parts import read_parts
 from blender_addon.services.matching.select_faults import select_faults
 from blender_addon.services.transfer import transfer_objects

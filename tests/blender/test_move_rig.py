@@ -21,7 +21,7 @@ from blender_addon.services import transfer
 PLACE = Matrix.LocRotScale((5, -3, 2), Euler((0.2, 0.6, 2.0)), (0.5, 0.5, 0.5))
 
 
-def match_anew(target, at_rest):
+def match_again(target, at_rest):
     """Store the true match of a target that was changed."""
     target.data.update()
     bpy.context.view_layer.update()
@@ -225,7 +225,7 @@ def test_bones_along_a_longer_one_stay_along_it():
     target, still = other_build()
     bent = still + np.outer(0.1 * np.sin(2 * still[:, 2]), [1, 0, 0])
     target.data.vertices.foreach_set("co", bent.ravel())
-    match_anew(target, still / BUILD)
+    match_again(target, still / BUILD)
     _, made = move(source, target, shape="keep_shape")
     middle, half = made.data.bones["Middle"], made.data.bones["Half"]
     direction = (middle.tail_local - middle.head_local).normalized()

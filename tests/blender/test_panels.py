@@ -463,7 +463,7 @@ def test_running_work_replaces_the_buttons(target, monkeypatch):
 def test_nearest_start_has_its_own_options(target):
     bpy.context.scene.zoomout.initial = "NEAREST"
     names = {name for kind, name, _ in drawn() if kind == "prop"}
-    assert names >= {"most_distance", "most_angle", "either_side"}
+    assert names >= {"max_distance", "max_angle", "either_side"}
     assert not names & {"k_final", "detail", "names"}
 
 

@@ -20,12 +20,12 @@ from blender_addon.mesh_data.attributes.marks import SEAMS
 from blender_addon.operators.base import activity, modal_operator
 from blender_addon.services import targets, transfer_report
 from blender_addon.storage import stored_match, stored_report, stored_symmetry
-from blender_addon.translations import in_language
 from blender_addon.ui.panels import sidebar
 from blender_addon.ui.panels.transfer import ZOOMOUT_PT_report
 from zoomout_core.matching.pair import LandmarkError
 from zoomout_core.messages import as_message, enumeration, from_json, message, sentences, to_json
 from zoomout_core.runtime.progress import Progress
+from zoomout_core.translations import in_language
 
 NOT_A_MESH = message("'{name}' is not a mesh: choose a mesh object.", name="Body")
 LEFT_OUT = message("'{name}' was left out: {reason}", name="Body", reason=NOT_A_MESH)

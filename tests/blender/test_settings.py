@@ -315,7 +315,7 @@ def test_clothes_move_with_the_leg_that_they_are_on():
         bpy.context.view_layer.update()
         return distance
 
-    assert np.abs(moved(most_angle=math.pi) - 0.5 * of_left).max() > 0.4
+    assert np.abs(moved(max_angle=math.pi) - 0.5 * of_left).max() > 0.4
     assert np.abs(moved() - 0.5 * of_left).max() < 1e-4
     notes = transfer_report(cloth)["notes"]
     assert any("faces another way" in note for note in notes)

@@ -40,7 +40,7 @@ FULL_STOPS = (".", "。")
 ELSEWHERE = ("cli", "demo", "translations", "api.py", "assets", "batch.py", "evaluation.py")
 # Modules of these that the add-on runs, or whose notes are on translated pages.
 TRANSLATED = {
-    CORE / "assets" / name for name in ("given_levels.py", "gltf/append.py", "gltf/convert_springs.py", "lods.py")
+    CORE / "assets" / name for name in ("given_levels.py", "gltf/copy_rows.py", "gltf/convert_springs.py", "lods.py")
 }
 # Calls that make a Message of a template, or show text: all literals among their arguments are for the user.
 TEMPLATES = {

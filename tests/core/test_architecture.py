@@ -75,6 +75,35 @@ def allowed(layer: str, other: str) -> bool:
     return other == RUNTIME or (other in LAYERS and LAYERS.index(other) < LAYERS.index(layer))
 
 
+def defined_names(tree: ast.Module) -> set[str]:
+    """Names that the functions, classes and assignments of a module define."""
+    definitions = (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)
+    names = {node.name for node in ast.walk(tree) if isinstance(node, definitions)}
+    return names | {
+        node.id for node in ast.walk(tree) if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)
+    }
+
+
+def test_names_are_imported_from_the_modules_that_define_them() -> None:
+    trees = {
+        path.relative_to(CORE.parent).with_suffix("").parts: ast.parse(path.read_text(encoding="utf-8"))
+        for package in PACKAGES
+        for path in (CORE.parent / package).rglob("*.py")
+        if path.name != "__main__.py"
+    }
+    defined = {module: defined_names(tree) for module, tree in trees.items() if module[-1] != "__init__"}
+    wrong = [
+        f"{'.'.join(module)} imports {name.name} from {'.'.join(home)}"
+        for module, tree in trees.items()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ImportFrom) and node.module
+        for home in [(*(module[: -node.level] if node.level else ()), *node.module.split("."))]
+        for name in node.names
+        if home in defined and name.name not in defined[home]
+    ]
+    assert not wrong
+
+
 def rows_of_the_document() -> list[list[str]]:
     """The names in each row of the table of the core's packages."""
     table = DOCUMENT.split("| `zoomout_core/` | contents |")[1].split("\n\n")[0]

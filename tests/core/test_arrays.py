@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from zoomout_core.arrays import row_norms, segment_sum, take_rows
+from zoomout_core.arrays import all_in_row, any_in_row, row_norms, segment_sum, take_rows
 
 
 def test_segments_are_summed_and_empty_ones_are_zero() -> None:
@@ -21,6 +21,13 @@ def test_row_norms_equal_those_of_numpy_exactly(columns: int, dtype: type) -> No
     found = row_norms(vectors)
     assert found.dtype == dtype
     np.testing.assert_array_equal(found, np.linalg.norm(vectors, axis=1))
+
+
+@pytest.mark.parametrize("columns", [1, 2, 3, 10])
+def test_masks_are_combined_like_those_of_numpy(columns: int) -> None:
+    chosen = np.random.default_rng(0).random((40, 5, columns)) < 0.6
+    np.testing.assert_array_equal(any_in_row(chosen), chosen.any(axis=-1))
+    np.testing.assert_array_equal(all_in_row(chosen), chosen.all(axis=-1))
 
 
 def test_taken_rows_have_the_shape_of_the_indices() -> None:

@@ -74,7 +74,7 @@ def test_first_look_is_written_before_the_map(files: Path, resting: Creature, be
 def test_initial_nearest_writes_a_proximity_map(files: Path) -> None:
     meshes = files / "source.ply", files / "target.ply"
     asked = "-o", files / "nearest.npz", "--initial", "nearest"
-    outcome = run("match", *meshes, *asked, "--most-distance", "0.05", "--most-angle", "45")
+    outcome = run("match", *meshes, *asked, "--max-distance", "0.05", "--max-angle", "45")
     assert outcome.exit_code == 0, outcome.output
     with np.load(files / "nearest.npz") as file:
         assert set(file.files) == {"triangle", "barycentric", "vertex", "confidence"}

@@ -32,8 +32,8 @@ ALLOWED_FUNCTIONS = {
 ALLOWED_FOLDERS = ("benchmarks/generate", "blender_addon/demo", "zoomout_core/samples/", "meshlab_filter/samples.py")
 LIMIT = re.compile(r"_?(least|most|fewest)_", re.IGNORECASE)
 LIMIT_ANYWHERE = re.compile(rf"\b{LIMIT.pattern}", re.IGNORECASE)
-# Arguments of public functions, and superlatives that are not limits.
-ALLOWED_LIMITS = {"most_angle", "most_bytes", "most_distance", "most_similar"}
+# Superlatives that are not limits.
+ALLOWED_LIMITS = {"most_similar"}
 
 
 def _is_property(node: ast.FunctionDef | ast.AsyncFunctionDef) -> bool:

@@ -89,7 +89,7 @@ def test_functional_map_colours_are_centred_on_zero() -> None:
 
 
 def test_error_curves_show_the_share_below_each_threshold() -> None:
-    figure = zo.plotting.plot_error_curves({"one": np.array([0.0, 0.1, np.nan, 0.3])}, most=0.2)
+    figure = zo.plotting.plot_error_curves({"one": np.array([0.0, 0.1, np.nan, 0.3])}, max_error=0.2)
     (line,) = figure.axes[0].lines
     thresholds, share = line.get_data()
     assert line.get_label() == "one"

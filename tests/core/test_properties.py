@@ -209,11 +209,11 @@ def test_proximity_match_ignores_frame_unit_order_and_winding(seed: int, size: f
     order = random.permutation(len(target.vertices))
     number = np.argsort(order)
     moved = [size * (one.vertices @ turn.T + shift) for one in (source, target)]
-    ours = zo.match_by_proximity(source, target, most_angle=180, either_side=True).surface_map
+    ours = zo.match_by_proximity(source, target, max_angle=180, either_side=True).surface_map
     theirs = zo.match_by_proximity(
         zo.Surface(moved[0], source.triangles[:, ::-1]),
         zo.Surface(moved[1][order], number[target.triangles]),
-        most_angle=180,
+        max_angle=180,
         either_side=True,
     ).surface_map
     places = ours.interpolate(source.vertices)[order], theirs.interpolate(source.vertices)

@@ -12,8 +12,9 @@ import pytest
 from creature import STRAIGHT, creature, write_textured_obj
 from PIL import Image
 
-from meshlab_filter.mesh_data import COMPONENTS, CUSTOM, TEXCOORD, add_layer, check_target, read_layer
-from zoomout_core.mesh.surface import MeshError
+from meshlab_filter.layer import TEXCOORD
+from meshlab_filter.mesh_data import COMPONENTS, CUSTOM, add_layer, check_target, read_layer
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.transfer import Domain, Kind
 
 TRANSFORM = np.array([[0, -2.0, 0, 1], [2, 0, 0, 1 / 3], [0, 0, -1, 0], [0, 0, 0, 1]])

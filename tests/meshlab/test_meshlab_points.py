@@ -9,7 +9,7 @@ from creature import SOURCE_POSE, TARGET_POSE, creature
 import meshlab_filter
 from meshlab_filter.mesh_data import add_layer, read_layer
 from meshlab_filter.samples import SYMMETRIC, sample
-from zoomout_core.mesh.surface import PointCloud
+from zoomout_core.mesh.point_cloud import PointCloud
 
 pytestmark = pytest.mark.usefixtures("remember_matches")
 

@@ -13,7 +13,7 @@ from meshlab_filter import apply_filter
 from meshlab_filter.catalogue import CATALOGUE
 from meshlab_filter.parameters import CHOICE, COUNT, DATA, LENGTH, MESH, NAMES, SWITCH, TEXT
 from zoomout_core.matching.presets import DETAIL
-from zoomout_core.mesh.surface import MeshError
+from zoomout_core.mesh.errors import MeshError
 
 pytestmark = pytest.mark.usefixtures("remember_matches")
 

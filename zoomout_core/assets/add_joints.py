@@ -11,8 +11,9 @@ from scipy.sparse import csr_array
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.assets.asset import Asset, Skin, to_rest
 from zoomout_core.assets.skeletons import skeleton_of
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.gltf_document import free_name, library
-from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.messages import Message, message, plural
 from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.rigging.bone_pairs import Skeleton

@@ -19,13 +19,13 @@ from zoomout_core.assets.gltf.read_asset import read_gltf
 from zoomout_core.assets.gltf.write import write_gltf
 from zoomout_core.assets.obj import read_obj, write_obj
 from zoomout_core.assets.ply import read_ply, write_ply
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.blender_files import ENDINGS as OF_BLENDER
 from zoomout_core.mesh.formats.compression.draco import library
 from zoomout_core.mesh.formats.files import OPTIONAL_READERS, read_surface
 from zoomout_core.mesh.formats.named_files import named_files
 from zoomout_core.mesh.formats.opening import existing, explain_damage
 from zoomout_core.mesh.memory import memory_in_words
-from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.outputs import OutputError, atomic_write_together, is_same_file, replaces_input
 from zoomout_core.transfer.attribute import element_count
 from zoomout_core.transfer.finite import with_finite_values

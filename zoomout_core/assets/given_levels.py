@@ -21,8 +21,9 @@ from zoomout_core.assets.level import FITTED, Level, Poses, errors_of_level, mer
 from zoomout_core.assets.transfer_asset import place_all, skin_weights
 from zoomout_core.geometry.closest_points import SurfaceSearch
 from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.memory import memory_in_words
-from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import components, triangle_areas, unique_edges, unit_vectors, vertex_normals
 from zoomout_core.messages import message
 from zoomout_core.runtime.progress import stage

@@ -23,10 +23,11 @@ from zoomout_core.assets.facing_normals import faces_away, turn_to_faces
 from zoomout_core.assets.fit_level import LEVEL_FIT, fit_level, fit_weights
 from zoomout_core.assets.level import FITTED, Level, Poses, errors_of_level, merge_places, points_in_poses
 from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.mirror_pairs import mirror_moves, mirror_pairs
 from zoomout_core.mesh.simplification.simplify import simplify
-from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import area_normals, components, triangle_areas, unique_edges, unit_vectors
 from zoomout_core.messages import message
 from zoomout_core.runtime.progress import stage

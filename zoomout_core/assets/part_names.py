@@ -13,9 +13,10 @@ import numpy as np
 from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.assets.asset import MATERIALS, Asset, Skin
 from zoomout_core.assets.files import READERS, read_asset
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.opening import shown
 from zoomout_core.mesh.named_parts import NamedParts, name_parts
-from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.transfer.rigging.poses import parents_first
 
 # Maximum number of names in a sentence.

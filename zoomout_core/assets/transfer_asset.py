@@ -19,8 +19,9 @@ from zoomout_core.assets.gltf.move_skin import move_skin
 from zoomout_core.assets.keep_rest import keep_rest
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.affine_maps import normalise
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.memory import memory_in_words
-from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.messages import enumeration, message, plural
 from zoomout_core.runtime.progress import advance, portion, stage
 from zoomout_core.runtime.threads import on_one_blas_thread
@@ -129,9 +130,7 @@ def transfer_asset(
     if move_rig and skin is None:
         raise MeshError("The source has no joints to move: choose a rigged source, and transfer its skin weights.")
     if move_rig:
-        _check_joints(
-            [each.skin for each in ((source, target) if part is not None else (source,)) if each.skin is not None]
-        )
+        _check_joints((source,) if part is None else (source, target))
     mapped = map_target(match, source.surface, place_all(target.surface), fill_below)
     replaced = {kind_of(each) for each in chosen}
     posed, corrected = None, mapped
@@ -158,13 +157,13 @@ def transfer_asset(
             notes += of_joints
     elif skin is not None:
         with stage("Binding to the joints", TRANSFERRED, 1.0):
-            own, at_rest, found = _bind(skin, mapped, posed, shape, max_weights)
+            own, at_rest, of_binding = _bind(skin, mapped, posed, shape, max_weights)
             document = source.document
             if move_rig:
                 own, document = move_skin(source, own, at_rest)
         look = document if asset.look is source.document else asset.look
         asset = replace(asset, skin=own, document=document, nodes=(), look=look)
-        notes += found
+        notes += of_binding
         if move_rig:
             notes += note_on_idle_joints(skin.names, skin.weights, own.weights)
             motions = check_rig(source, asset, at_rest.surface_map)
@@ -184,9 +183,9 @@ def _check_choices(kinds: Collection[str], shape: str) -> None:
         raise ValueError(f"Unknown kind {unknown[0]!r}: choose from {', '.join(KINDS)}.")
 
 
-def _check_joints(skins: Sequence[Skin]) -> None:
+def _check_joints(assets: Sequence[Asset]) -> None:
     """Check that all joints have a place; the inverse of a frame that is scaled to nothing has none."""
-    for skin in skins:
+    for skin in (each.skin for each in assets if each.skin is not None):
         flat = np.flatnonzero(np.linalg.matrix_rank(skin.inverse_bind) < 4)
         if len(flat):
             raise MeshError(

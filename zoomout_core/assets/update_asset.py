@@ -20,7 +20,8 @@ from zoomout_core.assets.asset import MATERIALS, SHAPE_KEYS, WEIGHTS, Asset, at_
 from zoomout_core.assets.given_levels import refit_weights
 from zoomout_core.assets.stored_map import MapOfSource, digest_of, follow_triangles, same_triangles
 from zoomout_core.assets.transfer_asset import KINDS, TransferredAsset, skin_weights, transfer_asset
-from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.mesh.errors import MeshError
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.messages import enumeration, message
 from zoomout_core.transfer.attribute import Attribute, Domain
 from zoomout_core.transfer.rules import map_target

@@ -37,10 +37,10 @@ from zoomout_core.matching.option_table import OPTIONS
 from zoomout_core.matching.options import MatchOptions
 from zoomout_core.matching.preparation.disk_cache import remove_shapes
 from zoomout_core.matching.presets import resolve_detail
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.blender_files import ENDINGS as OF_BLENDER
 from zoomout_core.mesh.formats.blender_files import PROGRAM, blender_command
 from zoomout_core.mesh.formats.folders import meshes_of_all
-from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.extras import install_hint
 from zoomout_core.runtime.outputs import check_inputs_outside, check_output, is_same_file
 from zoomout_core.runtime.progress import portion

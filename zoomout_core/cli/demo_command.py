@@ -8,8 +8,8 @@ from pathlib import Path
 import click
 
 from zoomout_core.cli.report import json_option, say
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.blender_files import extension_module
-from zoomout_core.mesh.surface import MeshError
 
 
 @click.command()

@@ -15,8 +15,9 @@ from zoomout_core.map_files import read_surface_map
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.refinement.confidence import cycle_error
 from zoomout_core.mesh.formats.files import read_shape
+from zoomout_core.mesh.input_checks import vertex_numbers
 from zoomout_core.mesh.shapes import as_surface
-from zoomout_core.mesh.surface import Surface, vertex_numbers
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.text_arguments import read_truth
 
 

@@ -17,14 +17,13 @@ from zoomout_core.collection.report import PAGE, REPORT
 from zoomout_core.collection.shapes import items_of
 from zoomout_core.command_options import progress_bar
 from zoomout_core.library.find_all import find_all
+from zoomout_core.library.found import FoundPart, FoundSource, FoundSources
 from zoomout_core.library.library import INDEX, Library, find_source
-from zoomout_core.library.parts import FoundPart
 from zoomout_core.library.report import figures_of_targets, lines_of_targets, write_reports
-from zoomout_core.library.search import FoundSource, FoundSources
 from zoomout_core.library.target_records import MADE, PICTURES, RECORDS
 from zoomout_core.library.transfers import Carry
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.folders import meshes_of_all
-from zoomout_core.mesh.surface import MeshError
 from zoomout_core.messages import message, note_figures, note_lines, probability
 from zoomout_core.runtime.outputs import check_inputs_outside, check_output
 

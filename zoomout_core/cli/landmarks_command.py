@@ -48,9 +48,10 @@ from zoomout_core.matching.report.verdict import (
 from zoomout_core.matching.result import MatchResult
 from zoomout_core.matching.transfer_landmarks import transfer_landmarks
 from zoomout_core.mesh.formats.files import read_shape
+from zoomout_core.mesh.input_checks import measurable, vertex_numbers
 from zoomout_core.mesh.named_parts import NamedParts
 from zoomout_core.mesh.shapes import as_surface
-from zoomout_core.mesh.surface import Surface, measurable, vertex_numbers
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.messages import message, note_figures, note_lines, sentences, warning
 from zoomout_core.runtime.progress import portion
 

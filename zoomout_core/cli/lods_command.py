@@ -29,8 +29,8 @@ from zoomout_core.assets.transfer_asset import KINDS
 from zoomout_core.batch import check_folder, is_folder
 from zoomout_core.cli.report import json_option
 from zoomout_core.command_options import OptionError, compress_option, folders_option, progress_bar, tell
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.blender_files import ENDINGS as OF_BLENDER
-from zoomout_core.mesh.surface import MeshError
 from zoomout_core.messages import note_figures, note_lines
 from zoomout_core.runtime.outputs import check_output
 
@@ -92,18 +92,14 @@ def lods(
     """
     try:
         _check_options(ratios, given, keep_uv, keep_map, ending)
-        shares, folder = [] if given else _read_ratios(ratios or RATIOS), Path(output)
+        shares = [] if given else _read_ratios(ratios or RATIOS)
         given = tuple(dict.fromkeys(given))
-        count = len(given or shares)
-        if not is_folder(output):
-            raise MeshError(f"{output} is a file, but there are {count + 1} levels: give a folder.")
-        check_folder(folder)
-        paths = [folder / f"{Path(mesh).stem}_LOD{number}.{ending}" for number in range(count + 1)]
+        paths = _plan_files(output, Path(mesh).stem, ending, len(given or shares))
         for read in (mesh, *given):
             if Path(read).suffix.lower() in OF_BLENDER:
                 raise MeshError(f"zoomout lods reads only the shape of {read}: export it as .glb.")
         inputs = inputs_of(mesh, *given, folders=folders)
-        for path in paths if folder.is_dir() else [folder]:
+        for path in paths if Path(output).is_dir() else [Path(output)]:
             check_output(path, inputs)
         asset = read_asset(mesh, folders)
         check_avatar(asset, paths[0])
@@ -119,7 +115,7 @@ def lods(
         first = asset if max_weights is None else with_fewer_weights(asset, max_weights)
         kinds = tuple(kind for kind in KINDS if not (keep_uv and kind == UV))
         assets = [first, *(_with_map(each, asset, kinds, max_weights) if keep_map else each.asset for each in levels)]
-        folder.mkdir(exist_ok=True)
+        Path(output).mkdir(exist_ok=True)
         rows = []
         for number, (each, path) in enumerate(zip(assets, paths, strict=True)):
             left_out = write_asset(with_level_names(each, number), path, inputs, compression)
@@ -134,6 +130,20 @@ def lods(
         return
     for row in rows:
         tell(_line(row))
+
+
+def _plan_files(output: str, name: str, ending: str, count: int) -> list[Path]:
+    """The files of a mesh and of a number of levels.
+
+    Raises:
+        MeshError: the output is not a folder.
+        OutputError: a file is in the place of the folder.
+    """
+    if not is_folder(output):
+        raise MeshError(f"{output} is a file, but there are {count + 1} levels: give a folder.")
+    folder = Path(output)
+    check_folder(folder)
+    return [folder / f"{name}_LOD{number}.{ending}" for number in range(count + 1)]
 
 
 def _check_options(ratios: str | None, given: tuple[str, ...], keep_uv: bool, keep_map: bool, ending: str) -> None:

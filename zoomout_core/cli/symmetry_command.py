@@ -13,8 +13,8 @@ from zoomout_core.cli.report import json_option, say
 from zoomout_core.command_options import check_axis, mesh_options, progress_bar
 from zoomout_core.map_files import check_map_output, keep_map
 from zoomout_core.matching.presets import resolve_detail
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.files import read_shape
-from zoomout_core.mesh.surface import MeshError
 from zoomout_core.messages import note_figures, note_lines, probability
 from zoomout_core.symmetry.detect import Symmetry, detect_symmetry
 

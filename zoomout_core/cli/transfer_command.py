@@ -49,8 +49,8 @@ from zoomout_core.command_options import (
 from zoomout_core.map_files import keep_map, save_match
 from zoomout_core.matching.pipeline import match
 from zoomout_core.matching.report.verdict import check_verdict, select_notes
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.blender_files import ENDINGS as OF_BLENDER
-from zoomout_core.mesh.surface import MeshError
 from zoomout_core.messages import note_figures, note_lines
 from zoomout_core.runtime.progress import portion
 from zoomout_core.transfer.keys.key_table import CONVENTIONS
@@ -69,7 +69,7 @@ class _Choices:
     only: tuple[str, ...]
     key_names: str | None
     keep_map: bool
-    compression: str | None
+    compress: str | None
     candidate: int
     force: bool
 
@@ -174,19 +174,7 @@ def transfer(
         arguments, asset = start_arguments(**options), read_asset(source, folders)
         choices = _Choices(wanted, shape, move_rig, only, key_names, keep_map, compression, candidate, force)
         _check_choices(choices, asset, source, jobs[0].output.suffix)
-        given = {
-            "kinds": wanted,
-            "shape": shape,
-            "move_rig": move_rig,
-            "only": only,
-            "key_names": key_names,
-            "keep_map": keep_map,
-            "compress": compression,
-            "candidate": candidate,
-            "force": force,
-            "folders": folders,
-            **options,
-        }
+        given = {**asdict(choices), "folders": folders, **options}
         run = partial(_run_job, asset, choices, arguments, folders, inputs)
         outcomes, figures = run_batch(source, jobs, run, given, output)
     except (ValueError, OSError, ImportError) as error:
@@ -305,7 +293,7 @@ def _run_job(
         if choices.key_names:
             written, keys, named = rename_keys(made.asset, choices.key_names)
             report["key_names"] = asdict(keys)
-        left_out = write_asset(written, job.output, inputs, choices.compression)
+        left_out = write_asset(written, job.output, inputs, choices.compress)
     received = [*made.received, *(["skin weights"] if WEIGHTS in choices.kinds and source.skin is not None else [])]
     notes = [*report["notes"], *made.notes, *named, *left_out]
     report |= {"transferred": received, **note_figures(notes)}

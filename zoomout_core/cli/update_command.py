@@ -26,7 +26,7 @@ from zoomout_core.assets.update_asset import changed_kinds, update_asset
 from zoomout_core.batch import Job, check_inputs_stay, is_folder, plan, report_outcomes, run_batch
 from zoomout_core.cli.report import json_option
 from zoomout_core.command_options import compress_option, folders_option, in_place_option
-from zoomout_core.mesh.surface import MeshError
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.messages import note_figures, note_lines
 
 

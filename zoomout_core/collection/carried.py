@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Records of what the meshes of a collection received, so that a repeated run transfers to none of them twice."""
+"""Records of the transfers to meshes of a collection, so that a repeated run transfers to none of them twice."""
 
 from __future__ import annotations
 
@@ -14,6 +14,29 @@ from zoomout_core.runtime.outputs import write_whole
 
 # Folder of the records in the results.
 CARRIED = "carried"
+
+
+@dataclass(frozen=True)
+class PairTransfer:
+    """A transfer from one file to another, with a record of it.
+
+    Attributes:
+        source: the file with the data; for Blender also an asset in a .blend file, see `split_asset`.
+        target: the file that receives it.
+        map_file: a map between both.
+        output: the file to write.
+        kinds: kinds of data, from `assets.transfer_asset.KINDS`.
+        record: the file with the record.
+        move_rig: move the source's joints into the target, which keeps its size.
+    """
+
+    source: Path
+    target: Path
+    map_file: Path
+    output: Path
+    kinds: tuple[str, ...]
+    record: Path
+    move_rig: bool = False
 
 
 @dataclass(frozen=True)

@@ -5,13 +5,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from zoomout_core.collection.carried import CARRIED, Carried
+from zoomout_core.collection.carried import CARRIED, Carried, PairTransfer
 from zoomout_core.collection.collection import CollectionResult
 from zoomout_core.collection.engine import Engine, Failure, Task, run_tasks
 from zoomout_core.collection.tasks import MESHES, place_of_map, transfer_pair
 from zoomout_core.collection.through_blender import carry_pair
 from zoomout_core.matching.report.verdict import check_verdict
-from zoomout_core.mesh.surface import MeshError
+from zoomout_core.mesh.errors import MeshError
 
 
 def carry(
@@ -49,12 +49,19 @@ def carry(
             result.failures[f"transfer to {pair.target}"] = str(error)
             continue
         target, output = result.items[pair.target].file.absolute(), result.folder / MESHES / f"{pair.target}.{ending}"
-        record = result.folder / CARRIED / f"{pair.target}.json"
-        paths = source.file.absolute(), target, result.folder / place_of_map(pair), output
+        transfer = PairTransfer(
+            source.file.absolute(),
+            target,
+            result.folder / place_of_map(pair),
+            output,
+            tuple(kinds),
+            result.folder / CARRIED / f"{pair.target}.json",
+            move_rig,
+        )
         if source.original is None:
-            tasks.append(Task(key, transfer_pair, (*paths, tuple(kinds), record, move_rig)))
+            tasks.append(Task(key, transfer_pair, (transfer,)))
         else:
-            tasks.append(Task(key, carry_pair, (*paths, tuple(kinds), record, blender, move_rig)))
+            tasks.append(Task(key, carry_pair, (transfer, blender)))
     received = {}
     for done in run_tasks(engine, tasks, lambda ended: f"Transferring {ended} of {len(tasks)}"):
         name = names[done.key].target

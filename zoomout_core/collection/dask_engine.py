@@ -70,7 +70,7 @@ class OnDask:
                 lost.add(done.key)
             else:
                 yield done
-        # Tasks that wait for a killed worker are lost with it, and the cluster cannot tell which one was at fault.
+        # Tasks that wait for a killed worker are lost with it, and the cluster does not know which one was at fault.
         failed: dict[str, Failure] = {}
         for task in tasks:
             if task.key in lost:

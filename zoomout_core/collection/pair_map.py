@@ -57,7 +57,7 @@ class CandidateMaps:
     reverses_orientation: Booleans
 
     def with_another(self, forward: Integers, backward: Integers, certainty: float) -> CandidateMaps:
-        """These, with one more map at the end, which treats the orientation like the first."""
+        """These candidates, and one more map at the end, which treats the orientation like the first."""
         return CandidateMaps(
             np.vstack([self.forward, forward]),
             np.vstack([self.backward, backward]),

@@ -14,7 +14,7 @@ from scipy.spatial.distance import cdist
 
 from zoomout_core.arrays import Floats
 from zoomout_core.collection.pair_map import PairName
-from zoomout_core.mesh.surface import MeshError
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.runtime.input_files import read_whole
 
 # Eigenvalues used to compare shapes: the first, of the constant function, is always zero.

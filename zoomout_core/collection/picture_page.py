@@ -30,7 +30,7 @@ def picture_page(
         title: its title.
         summary: a sentence about all results.
         heading: heading above the pictures.
-        about: a sentence on what they show.
+        about: a sentence about the pictures.
         cards: the pictures, see `picture_card`.
         failures: what failed and why, by name.
         language: language of the page, into which all texts but the title are translated.

@@ -20,9 +20,10 @@ from zoomout_core.matching.options import MatchOptions
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 from zoomout_core.matching.preparation.memory_cache import cached_working_mesh
 from zoomout_core.matching.preparation.prepare import prepare_shape
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.files import read_shape
 from zoomout_core.mesh.shapes import as_surface
-from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.runtime.array_files import ArrayFileError, read_arrays
 from zoomout_core.runtime.progress import stage
 from zoomout_core.runtime.threads import on_one_blas_thread
@@ -81,7 +82,7 @@ class ShapeSummary:
         return np.asarray(cKDTree(self.points).query(surface.vertices[vertices])[1])
 
     def as_arrays(self) -> dict[str, Any]:
-        """Arrays whose file `load` reads."""
+        """Arrays for a file that `load` reads."""
         return {
             "key": np.frombuffer(bytes.fromhex(self.key), dtype=np.uint8),
             "samples": self.samples,

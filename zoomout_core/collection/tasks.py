@@ -20,7 +20,7 @@ from zoomout_core.arrays import Floats, Integers
 from zoomout_core.assets.files import inputs_of, read_asset, write_asset
 from zoomout_core.assets.part_names import parts_of_file
 from zoomout_core.assets.transfer_asset import transfer_asset
-from zoomout_core.collection.carried import Carried, forget_carried, read_carried, write_carried
+from zoomout_core.collection.carried import Carried, PairTransfer, forget_carried, read_carried, write_carried
 from zoomout_core.collection.pair_map import PairName, PairRecord, arrays_of, candidate_maps_of, load_candidate_maps
 from zoomout_core.collection.shapes import Item, ShapeSummary, content_key, spread_from_samples, summarise
 from zoomout_core.maps.known_match import KnownMatch
@@ -221,38 +221,22 @@ def match_pair(
     return Matched(pair, record, True, shipped)
 
 
-def transfer_pair(
-    source: Path,
-    target: Path,
-    map_file: Path,
-    output: Path,
-    kinds: tuple[str, ...],
-    record: Path,
-    move_rig: bool = False,
-) -> Carried:
+def transfer_pair(transfer: PairTransfer) -> Carried:
     """Transfer a source's data to a target by their map file, unless this is on record.
-
-    Args:
-        source: the file with the data.
-        target: the file that receives it.
-        map_file: a map between both.
-        output: the file to write.
-        kinds: kinds of data, from `assets.transfer_asset.KINDS`.
-        record: the file with the record.
-        move_rig: move the source's joints into the target, which keeps its size.
 
     Raises:
         MeshError: there is nothing to transfer, or a file cannot be read or written.
     """
-    inputs = inputs_of(source, target)
-    contents = [content_key(path.read_bytes()) for path in (*inputs, map_file) if path.is_file()]
+    kinds, output, record, move_rig = transfer.kinds, transfer.output, transfer.record, transfer.move_rig
+    inputs = inputs_of(transfer.source, transfer.target)
+    contents = [content_key(path.read_bytes()) for path in (*inputs, transfer.map_file) if path.is_file()]
     key = content_key(repr((contents, kinds, move_rig, output.name, package_version())).encode())
     earlier = read_carried(record, key)
     if earlier is not None and all(path.is_file() for path in inputs_of(output)):
         return earlier
     forget_carried(record)
-    assets = read_asset(source), read_asset(target)
-    known = KnownMatch.load(map_file, assets[0].surface, assets[1].surface)
+    assets = read_asset(transfer.source), read_asset(transfer.target)
+    known = KnownMatch.load(transfer.map_file, assets[0].surface, assets[1].surface)
     made = transfer_asset(*assets, known, kinds, move_rig=move_rig)
     output.parent.mkdir(parents=True, exist_ok=True)
     left_out = write_asset(made.asset, output, inputs)
@@ -265,7 +249,7 @@ def transfer_pair(
 def _folder_of_worker() -> Path:
     """The folder that a Dask worker removes when it ends; in other processes the temporary folder."""
     if "distributed" in sys.modules:
-        with suppress(ValueError):  # this process is no worker
+        with suppress(ValueError):  # this process is not a worker
             return Path(sys.modules["distributed"].get_worker().local_directory)
     return Path(tempfile.gettempdir())
 

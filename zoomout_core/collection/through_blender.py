@@ -13,9 +13,10 @@ from pathlib import Path
 from typing import Any
 
 from zoomout_core.assets.asset import COLOR, MATERIALS, NORMALS, SHAPE_KEYS, UV, WEIGHTS
-from zoomout_core.collection.carried import Carried, forget_carried, read_carried, write_carried
+from zoomout_core.collection.carried import Carried, PairTransfer, forget_carried, read_carried, write_carried
 from zoomout_core.collection.engine import Engine, Failure, InThisProcess, Task, run_tasks
 from zoomout_core.collection.shapes import Item, content_key
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.blender_files import (
     ENDINGS,
     IMPORTED,
@@ -26,7 +27,6 @@ from zoomout_core.mesh.formats.blender_files import (
     write_surface,
 )
 from zoomout_core.mesh.formats.files import read_surface, write_shape
-from zoomout_core.mesh.surface import MeshError
 from zoomout_core.messages import Message, warning
 from zoomout_core.runtime.version import package_version
 
@@ -98,31 +98,19 @@ def read_item(path: Path, role: str, output: Path, known: bool, program: str | N
         write_shape(read_surface(path), output)
 
 
-def carry_pair(
-    source: Path,
-    target: Path,
-    map_file: Path,
-    output: Path,
-    kinds: tuple[str, ...],
-    record: Path,
-    program: str | None,
-    move_rig: bool = False,
-) -> Carried:
+def carry_pair(transfer: PairTransfer, program: str | None) -> Carried:
     """Transfer a source's data to a target by Blender, unless this is on record.
 
     Args:
-        source: the file with the data, or an asset in a .blend file, see `split_asset`.
-        target: the file that receives it.
-        map_file: a map between the surfaces that Blender read.
-        output: the file to write.
-        kinds: keys of `DATA`; with skin weights the target is bound to the armature.
-        record: the file with the record.
+        transfer: the transfer; its map is between the surfaces that Blender read. With skin weights the target is bound
+            to the armature, or to a copy whose bones move into the target.
         program: Blender's program, see `blender_command`.
-        move_rig: bind the target to a copy of the armature whose bones move into it.
 
     Raises:
         MeshError: there is nothing to transfer, or a file cannot be read or written.
     """
+    source, target, map_file, output = transfer.source, transfer.target, transfer.map_file, transfer.output
+    kinds, record, move_rig = transfer.kinds, transfer.record, transfer.move_rig
     contents = [content_key(path.read_bytes()) for path in (split_asset(source)[0], target, map_file)]
     key = content_key(repr((contents, source.name, kinds, move_rig, output.name, package_version())).encode())
     earlier = read_carried(record, key) if output.is_file() else None

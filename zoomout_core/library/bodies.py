@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -69,6 +70,19 @@ class Body:
         if surroundings.shape[1:] != (SURROUNDINGS.radii, FEATURES):
             raise ValueError("its surroundings have other radii")
         return cls(vertices, triangles, Descriptor.from_arrays(arrays), surroundings)
+
+
+@dataclass(frozen=True, eq=False)
+class LibraryAsset:
+    """A prepared file of a library.
+
+    Attributes:
+        path: the file, or the asset in a .blend file, see `split_asset`.
+        bodies: meshes that represent its shape, by kind.
+    """
+
+    path: Path
+    bodies: dict[str, Body]
 
 
 def match_options() -> MatchOptions:

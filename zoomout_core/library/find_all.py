@@ -16,9 +16,11 @@ from zoomout_core.assets.files import READERS, inputs_of, read_asset
 from zoomout_core.collection.shapes import content_key
 from zoomout_core.colors import place_colors
 from zoomout_core.drawing import encode_png
+from zoomout_core.library.bodies import LibraryAsset
+from zoomout_core.library.found import FoundSources
 from zoomout_core.library.library import Library, prepared_assets
 from zoomout_core.library.pictures import draw_bound, draw_colored, draw_pair
-from zoomout_core.library.search import FoundSources, LibraryAsset, search
+from zoomout_core.library.search import search
 from zoomout_core.library.target_records import (
     MADE,
     TargetRecord,

@@ -13,13 +13,15 @@ from tempfile import TemporaryDirectory
 from zoomout_core.arrays import check_counts
 from zoomout_core.assets.files import MESHES, inputs_of
 from zoomout_core.collection.shapes import content_key
-from zoomout_core.library.bodies import bodies_of
+from zoomout_core.library.bodies import LibraryAsset, bodies_of
+from zoomout_core.library.found import FoundSources
 from zoomout_core.library.index import Index, Listed, key_of, key_of_asset, look_at
-from zoomout_core.library.search import FoundSources, LibraryAsset, search
+from zoomout_core.library.search import search
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.blender_files import ENDINGS, write_assets
 from zoomout_core.mesh.formats.files import read_surface
 from zoomout_core.mesh.shapes import ShapeLike, as_surface
-from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.messages import NO_MEMORY
 from zoomout_core.runtime.outputs import OutputError
 from zoomout_core.runtime.progress import Progress, listening, portion, renaming

@@ -9,8 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -21,13 +19,10 @@ from zoomout_core.assets.files import GLTF, read_asset
 from zoomout_core.assets.part_names import joints_below
 from zoomout_core.geometry.closest_points import SurfaceSearch
 from zoomout_core.geometry.procrustes import Similarities, procrustes
+from zoomout_core.library.found import FoundPart, FoundSource
 from zoomout_core.matching.result import MatchResult
-from zoomout_core.messages import Message, message
 from zoomout_core.transfer.rigging.poses import parents_first
 from zoomout_core.tuning import Tuning, tuned
-
-if TYPE_CHECKING:
-    from zoomout_core.library.search import FoundSource
 
 
 @dataclass(frozen=True)
@@ -42,48 +37,12 @@ class PartTuning(Tuning, set_by="library"):
 
 
 PARTS = PartTuning()
-BETTER = (
-    "{file} fits the joint {joint} and all below it better than {best} does ({fit:.1%} instead of {fit_of_best:.1%}). "
-    "To use both, transfer from the latter first, and then from the other one to this joint only."
-)
 
 # Rounds of closest points; they converge within about this number.
 ROUNDS = 10
 # Maximum ratio of a part's size on two sources, relative to their bodies. Without a limit, a wrong map may shrink a
 # part to a point, which always fits.
 MAX_SCALE = 2.0
-
-
-@dataclass(frozen=True)
-class FoundPart:
-    """A part of a target that another source fits better.
-
-    Attributes:
-        path: the file of the other source.
-        best: the file of the best source.
-        joint: the joint of the best source that moves the part, with all below it.
-        joints: the names of these joints.
-        fit: one minus the error of the other source, relative to the size of the part.
-        fit_of_best: the same for the best source.
-
-    Example:
-        >>> part = zo.FoundPart("princess.glb", "hero.glb", "Head", ("Head", "Jaw"), fit=0.992, fit_of_best=0.957)
-        >>> str(part.sentence)[:63]
-        'princess.glb fits the joint Head and all below it better than h'
-    """
-
-    path: Path
-    best: Path
-    joint: str
-    joints: tuple[str, ...]
-    fit: float
-    fit_of_best: float
-
-    @property
-    def sentence(self) -> Message:
-        """The part, and how to use its source, for the user."""
-        names = {"joint": self.joint, "file": str(self.path), "best": str(self.best)}
-        return message(BETTER, **names, fit=self.fit, fit_of_best=self.fit_of_best)
 
 
 def find_part(ranked: Sequence[FoundSource]) -> FoundPart | None:

@@ -4,23 +4,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from zoomout_core.library.bodies import MAIN_PART, Body, bodies_of, match_options, may_be_part
+from zoomout_core.library.bodies import MAIN_PART, Body, LibraryAsset, bodies_of, match_options, may_be_part
 from zoomout_core.library.descriptor import Difference, compare
-from zoomout_core.library.parts import FoundPart, find_part
+from zoomout_core.library.found import FIT, FoundSource, FoundSources
+from zoomout_core.library.parts import find_part
 from zoomout_core.library.wholes import find_wholes
 from zoomout_core.matching.pipeline import match
 from zoomout_core.matching.ranking.scores import SCORES
 from zoomout_core.matching.result import MatchResult
-from zoomout_core.mesh.formats.blender_files import split_asset
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.messages import Message, message, probability, sentences
 from zoomout_core.runtime.progress import portion, stage
-from zoomout_core.runtime.summary import Summary
 from zoomout_core.tuning import Tuning, tuned
 
 NOTHING_FITS = (
@@ -32,7 +31,6 @@ ONLY_A_PART = (
     "The target may be only a part, such as a bust, but its place on no character of the library is certain: choose a "
     "whole character as the source by hand."
 )
-IS_PART = "The target is only a part of '{name}', such as a bust."
 NO_ASSETS = "The library has no assets: add files of finished characters, and prepare it again."
 # The reason why the nearest asset does not fit, by its largest difference.
 REASONS = {
@@ -52,7 +50,7 @@ TIE = 0.001
 
 @dataclass(frozen=True)
 class SearchTuning(Tuning, set_by="library"):
-    """The number of assets to match, and the conditions for a fit."""
+    """The number of assets to match."""
 
     matched: int = tuned(4, "assets", 1, 1000)  # maximum number of assets that are matched
     # The same if a target was searched for as a part before, and is not nearly a whole. With four, a chair and a vase
@@ -60,109 +58,9 @@ class SearchTuning(Tuning, set_by="library"):
     matched_after: int = tuned(2, "assets", 1, 1000)
     beyond: float = tuned(2.5, "1", 1, 100)  # maximum difference of matched assets, relative to that of the nearest
     max_difference: float = tuned(4.0, "1", 0, 1000)  # assets with a larger one are refused without a match
-    max_distance: float = tuned(0.165, "1", 0, 10)  # of an asset that fits, see `FoundSource.distance`
-    per_difference: float = tuned(0.02, "1", 0, 1)  # distance that a difference of one adds to the misfit
-    min_certainty: float = tuned(0.5, "probability", 0, 1)  # of the match of an asset that fits
 
 
 SEARCH = SearchTuning()
-
-
-@dataclass(frozen=True, eq=False)
-class LibraryAsset:
-    """A prepared file of a library.
-
-    Attributes:
-        path: the file, or the asset in a .blend file, see `split_asset`.
-        bodies: meshes that represent its shape, by kind.
-    """
-
-    path: Path
-    bodies: dict[str, Body]
-
-
-@dataclass(frozen=True)
-class FoundSource:
-    """An asset that a target was matched with.
-
-    Attributes:
-        path: its file, or the asset in a .blend file: `FILE.blend/Collection/Hero`.
-        difference: difference of its descriptor from the target's; 0.2 to 2.7 for the same body in another pose.
-        certainty: the probability, in [0, 1], that the match is right as a whole.
-        misfit: the weighted geometric mean of the errors that rank maps. It is mostly 0.04 to 0.11 for the same body in
-            another pose, and above 0.12 for another species.
-        match: the match of small bodies that represent both, for pictures; None if there was none.
-        is_part: whether the target is only a part of it, such as a bust. Then `difference` is the mean difference of
-            the surroundings of places.
-
-    Example:
-        >>> zo.FoundSource("hero.glb", difference=0.4, certainty=0.97, misfit=0.06).fits
-        True
-    """
-
-    path: Path
-    difference: float
-    certainty: float
-    misfit: float
-    match: MatchResult | None = field(default=None, repr=False, compare=False)
-    is_part: bool = False
-
-    @property
-    def name(self) -> str:
-        """The name of the asset, or of the file without its extension."""
-        return self.path.name if split_asset(self.path)[1] else self.path.stem
-
-    @property
-    def distance(self) -> float:
-        """The misfit plus a share of the difference: maps between similar bodies may deform more."""
-        return self.misfit + SEARCH.per_difference * self.difference
-
-    @property
-    def fits(self) -> bool:
-        """Whether it may be a source for the target."""
-        # The certainty of a part depends on its fit.
-        near_enough = self.is_part or self.distance <= SEARCH.max_distance
-        return near_enough and self.certainty >= SEARCH.min_certainty
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class FoundSources(Summary):
-    """The result of a search.
-
-    Attributes:
-        ranked: the assets that were matched, those that fit first, by increasing misfit; by decreasing certainty if the
-            target is only a part of them.
-        nearest: the file of the nearest asset, by its descriptor if none was matched; None if there are no assets.
-        refusal: why nothing fits; empty if the first asset does.
-        part: the part of the target that another asset fits much better than the first; None if no part does.
-
-    Example:
-        >>> hero = zo.FoundSource("hero.glb", difference=0.4, certainty=0.97, misfit=0.06)
-        >>> zo.FoundSources((hero,), hero.path, refusal="").best.path
-        'hero.glb'
-    """
-
-    ranked: tuple[FoundSource, ...]
-    nearest: Path | None
-    refusal: str
-    part: FoundPart | None = None
-
-    @property
-    def best(self) -> FoundSource | None:
-        """The asset that fits best; None if nothing does."""
-        return None if self.refusal else self.ranked[0]
-
-    @property
-    def note(self) -> str:
-        """A note that the target is only a part of the best source, else empty."""
-        best = self.best
-        return message(IS_PART, name=best.name) if best is not None and best.is_part else ""
-
-    def _summary(self) -> dict[str, str]:
-        rows = {
-            each.path.name: f"fit {1 - each.misfit:.0%}, {probability(each.certainty)} certain" for each in self.ranked
-        }
-        return {"best": self.refusal or self.ranked[0].path.name} | rows
 
 
 def search(target: Surface, assets: Sequence[LibraryAsset], compare: int | None = None) -> FoundSources:
@@ -267,7 +165,7 @@ def _refusal(ranked: Sequence[FoundSource], nearest: _Compared) -> str:
     best = ranked[0]
     if best.fits:
         return ""
-    if best.distance > SEARCH.max_distance:
+    if best.distance > FIT.max_distance:
         reason: Message = message(DEFORMED, fit=1 - best.misfit)
     else:
         reason = message(UNCERTAIN, certainty=probability(best.certainty))

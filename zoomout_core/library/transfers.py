@@ -13,15 +13,17 @@ import numpy as np
 from zoomout_core.assets.asset import Asset, Skin
 from zoomout_core.assets.files import check_avatar, inputs_of, read_asset, write_asset
 from zoomout_core.assets.transfer_asset import KINDS, base_of, transfer_asset
+from zoomout_core.collection.carried import PairTransfer
 from zoomout_core.collection.through_blender import carry_pair, read_item
-from zoomout_core.library.parts import FoundPart
+from zoomout_core.library.found import FoundPart
 from zoomout_core.matching.pipeline import match
 from zoomout_core.matching.report.verdict import RED, check_verdict
 from zoomout_core.matching.result import MatchResult
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.blender_files import ENDINGS as OF_BLENDER
 from zoomout_core.mesh.formats.blender_files import IMPORTED, SOURCE, TARGET
 from zoomout_core.mesh.formats.files import read_surface
-from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.messages import message, warning
 from zoomout_core.runtime.progress import portion
 
@@ -126,7 +128,8 @@ def transfer_through_blender(source: Path, target: Path, output: Path, carry: Ca
         result.surface_map.save(map_file, confidence=result.confidence, **partners)
         kinds, moves = tuple(TRANSFERRED), carry is Carry.RIG
         with portion(MATCHED, 1):
-            found = carry_pair(source, target if known else of_target, map_file, output, kinds, record, None, moves)
+            readable = target if known else of_target
+            found = carry_pair(PairTransfer(source, readable, map_file, output, kinds, record, moves), None)
     return Transferred(result, None, [*result.notes, *found.notes])
 
 

@@ -10,11 +10,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from zoomout_core.library.bodies import HULL, Body, analyse_body, match_options
+from zoomout_core.library.bodies import HULL, Body, LibraryAsset, analyse_body, match_options
 from zoomout_core.library.surroundings import PartDifference, PartSurroundings
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.partial.incomplete_shape import at_scale
@@ -25,9 +25,6 @@ from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 from zoomout_core.matching.result import MatchResult, make_result
 from zoomout_core.runtime.progress import portion, stage
 from zoomout_core.tuning import Tuning, tuned
-
-if TYPE_CHECKING:
-    from zoomout_core.library.search import LibraryAsset
 
 
 @dataclass(frozen=True)

@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from zoomout_core.arrays import Floats, Integers, check_counts, to_array
-from zoomout_core.geometry.closest_points import Neighbourhoods, project_to_embedding
+from zoomout_core.geometry.embedded_surface import Neighbourhoods, project_to_embedding
 from zoomout_core.maps.anchors import coordinates
 from zoomout_core.maps.nearest import nearest
 from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.mesh.input_checks import vertex_numbers
 from zoomout_core.mesh.shapes import ShapeLike, as_surface
-from zoomout_core.mesh.surface import vertex_numbers
 from zoomout_core.spectral.eigenbasis import SpectralBasis
 
 

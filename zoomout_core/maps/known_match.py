@@ -10,7 +10,8 @@ import numpy as np
 
 from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.maps.surface_map import SurfaceMap, arrays_of_map, read_vertex_map
-from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.mesh.errors import MeshError
+from zoomout_core.mesh.surface import Surface
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import AnyFloats, Integers, SingleFloats
-from zoomout_core.geometry.closest_points import SINGLE_PRECISION_DIMENSION
+from zoomout_core.geometry.embedded_surface import SINGLE_PRECISION_DIMENSION
 
 # Entries of a block of inner products that is computed at once; bounds the memory.
 BLOCK = 1 << 24

@@ -15,7 +15,9 @@ from numpy.typing import ArrayLike
 
 from zoomout_core.arrays import AnyFloats, Booleans, Floats, Integers, fill_masked, take_rows
 from zoomout_core.geometry.closest_points import closest_points
-from zoomout_core.mesh.surface import MeshError, Surface, vertex_numbers
+from zoomout_core.mesh.errors import MeshError
+from zoomout_core.mesh.input_checks import vertex_numbers
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_normals
 from zoomout_core.messages import as_message, message
 from zoomout_core.runtime.array_files import ArrayFileError, read_arrays, write_arrays

@@ -25,7 +25,7 @@ from zoomout_core.maps.functional_map import (
 )
 from zoomout_core.maps.nearest import nearest
 from zoomout_core.maps.sampled_basis import SampledBasis
-from zoomout_core.mesh.surface import vertex_numbers
+from zoomout_core.mesh.input_checks import vertex_numbers
 from zoomout_core.runtime.summary import Summary
 from zoomout_core.spectral.eigenbasis import SpectralBasis
 from zoomout_core.spectral.sampling import farthest_points

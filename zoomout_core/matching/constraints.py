@@ -25,7 +25,8 @@ from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.pair import Pair, landmark_points, landmarks_on_parts, positions_of_part
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 from zoomout_core.matching.ranking.scores import IN_SPACE, UP_AXES, UPRIGHT, Disagreement, correlation
-from zoomout_core.mesh.surface import Surface, vertex_numbers
+from zoomout_core.mesh.input_checks import vertex_numbers
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import edge_graph
 
 Landmarks: TypeAlias = tuple[ArrayLike, ArrayLike]
@@ -219,7 +220,7 @@ def _positions_of_samples(pair: Pair) -> tuple[Floats, ...]:
 
 
 def _upright_agreement(places: Floats, images: Floats, weights: Floats) -> float:
-    """How well a map from places (s, 3) to images (s, 3), with weights (s,) that sum to one, keeps what is up.
+    """How well a map from places (s, 3) to images (s, 3), with weights (s,) that sum to one, keeps the up direction.
 
     It is 1 if heights along y or z are in proportion. If the map turns a shape upside down along one of these axes, the
     weight is the squared ratio of the extents along the other axis and this one. It is small for tall shapes. For long

@@ -246,7 +246,7 @@ ACCURACY = (
 # Options of nearest points, with initial="nearest".
 NEAREST = (
     Option(
-        "most_distance",
+        "max_distance",
         Kind.NUMBER,
         MAX_DISTANCE,
         "Largest distance to the nearest point, divided by the square root of the source's area, "
@@ -258,7 +258,7 @@ NEAREST = (
         starts=("nearest",),
     ),
     Option(
-        "most_angle",
+        "max_angle",
         Kind.ANGLE,
         MAX_ANGLE,
         "Largest angle between the normals of a vertex and of its nearest point",

@@ -14,7 +14,9 @@ from numpy.typing import ArrayLike
 
 from zoomout_core.arrays import Floats, Integers, to_array
 from zoomout_core.geometry.closest_points import closest_points
-from zoomout_core.mesh.surface import LARGEST_COORDINATE, MeshError, Surface, measurable, vertex_numbers
+from zoomout_core.mesh.errors import MeshError
+from zoomout_core.mesh.input_checks import MAX_COORDINATE, measurable, vertex_numbers
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.messages import as_message, message
 
 if TYPE_CHECKING:
@@ -97,7 +99,7 @@ def distinct_landmarks(
     both = source, target = tuple(np.atleast_1d(to_array(given, "Landmarks")) for given in landmarks)
     usable = all(given.ndim <= 2 and given.dtype.kind in "iuf" for given in both)
     if not usable or not 0 < len(source) == len(target):
-        return landmarks, ()  # `landmarks_on_parts` says what is wrong
+        return landmarks, ()  # `landmarks_on_parts` raises the error
     same = [(given[:, None] == given).reshape(len(given), len(given), -1).all(axis=2) for given in both]
     for (role, here), (other, there) in permutations(zip(("source", "target"), same, strict=True)):
         first, second = (np.argwhere(np.triu(here & ~there, 1)).tolist() or [(0, 0)])[0]
@@ -189,7 +191,7 @@ def on_surface(role: str, surface: Surface, points: Floats) -> tuple[Integers, F
             f"Landmarks on the {role} must be vertex numbers (m,) or finite points (m, 3), not {points.dtype} of "
             f"shape {points.shape}."
         )
-    near = np.where(measurable(points)[:, None], points, LARGEST_COORDINATE)  # or squares overflow
+    near = np.where(measurable(points)[:, None], points, MAX_COORDINATE)  # or squares overflow
     unit = float(np.sqrt(surface.area))
     triangle, barycentric = closest_points(near, surface.vertices, surface.triangles, ON_SURFACE * unit)
     corners = surface.triangles[triangle]

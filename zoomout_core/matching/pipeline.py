@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
 from typing import Any
@@ -32,17 +32,38 @@ from zoomout_core.matching.report.notes import notes_on_input, notes_on_landmark
 from zoomout_core.matching.result import MatchResult, make_result, outline
 from zoomout_core.matching.retry import needs_retry, retry
 from zoomout_core.mesh.memory import memory_in_words
+from zoomout_core.mesh.point_cloud import PointCloud
 from zoomout_core.mesh.shapes import ShapeLike, as_shape, as_surface
-from zoomout_core.mesh.surface import PointCloud, Surface
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.runtime.progress import Progress, listening, portion, show_outlines, stage
 from zoomout_core.runtime.threads import for_each, in_one_thread, on_one_blas_thread, side_by_side
 
-# Fractions of the progress at which each body, a retry and the refinement begin.
-BODIES, RETRY, RESULT = (0.04, 0.5, 0.6, 0.68), 0.68, 0.75
+# Fractions of the progress at which each pair of bodies, a retry and the refinement begin; the last pair ends with the
+# last of the first.
+BODIES_BEGIN, RETRY_BEGINS, RESULT_BEGINS = (0.04, 0.5, 0.6, 0.68), 0.68, 0.75
 # Minimum number of landmarks whose map is shown as a first look: fewer leave open how a shape is turned about them.
 MIN_LANDMARKS_SHOWN = 3
-# Fraction of a body's progress that the analysis of the shapes takes.
-ANALYSING = 0.8
+# Fraction of the progress of a pair of bodies at which the analysis of the shapes ends.
+ANALYSED = 0.8
+
+
+@dataclass(frozen=True, eq=False)
+class _Request:
+    """Two surfaces to match.
+
+    Attributes:
+        source: the source.
+        target: the target.
+        known: evidence from the user.
+        options: options of the match.
+        notes: notes on the input, for the result.
+    """
+
+    source: Surface
+    target: Surface
+    known: Constraints
+    options: MatchOptions
+    notes: tuple[str, ...]
 
 
 @with_arguments(MatchArguments)
@@ -121,12 +142,12 @@ def _match_surfaces(source: Surface, target: Surface, options: MatchOptions, not
     known = Constraints(options.landmarks, axes, regions, upright=options.upright)
     sizes = [len(surface.working.vertices) for surface in (source, target)]
     check_memory(sizes, options.k_final, options.proxy_vertices)
-    best = best_of(_attempt_bodies(source, target, known, options, notes))
+    best = best_of(_attempt_bodies(_Request(source, target, known, options, notes)))
     if needs_retry(best, options):
-        with portion(RETRY, RESULT):
+        with portion(RETRY_BEGINS, RESULT_BEGINS):
             best = retry(best, known, options)
     _show_candidates(best.pair, best.candidates)
-    with portion(RESULT, 1.0):
+    with portion(RESULT_BEGINS, 1.0):
         result = make_result(best.pair, tuple(best.candidates), 0)
     if options.landmarks is None:
         return result
@@ -134,24 +155,23 @@ def _match_surfaces(source: Surface, target: Surface, options: MatchOptions, not
     return replace(result, notes=(*notes_on_landmarks(errors), *result.notes))
 
 
-def _attempt_bodies(
-    source: Surface, target: Surface, known: Constraints, options: MatchOptions, notes: tuple[str, ...]
-) -> list[Attempt]:
+def _attempt_bodies(request: _Request) -> list[Attempt]:
     """Match pairs of bodies of two surfaces, the most promising first, until a map is certain.
 
     Tight hulls come last, for automatic matches of surfaces that have hulls.
     """
-    with stage("Finding the bodies", 0.01, BODIES[0]):
-        bodies = find_bodies(source, target, options.seed)
+    source, target = request.source, request.target
+    with stage("Finding the bodies", 0.01, BODIES_BEGIN[0]):
+        bodies = find_bodies(source, target, request.options.seed)
     attempts: list[Attempt] = []
-    tries_tight = options.initial == "auto" and any(body.source.is_hull for body in bodies)
-    for number, (start, end) in enumerate(pairwise(BODIES[: len(bodies) + tries_tight + 1])):
+    tries_tight = request.options.initial == "auto" and any(body.source.is_hull for body in bodies)
+    for number, (start, end) in enumerate(pairwise(BODIES_BEGIN[: len(bodies) + tries_tight + 1])):
         if number == len(bodies):
             with stage("Finding the bodies", start, start):
                 bodies.append(tight_bodies(source, target, bodies[0].shares))
         try:
             with portion(start, end):
-                attempts.append(_attempt(source, target, bodies[number], known, options, notes))
+                attempts.append(_attempt(request, bodies[number]))
         except LandmarkError:  # a landmark is on a part that only another body has
             if not attempts:
                 raise
@@ -160,26 +180,25 @@ def _attempt_bodies(
     return attempts
 
 
-def _attempt(
-    source: Surface, target: Surface, body: Bodies, known: Constraints, options: MatchOptions, notes: tuple[str, ...]
-) -> Attempt:
+def _attempt(request: _Request, body: Bodies) -> Attempt:
     """Match one body of the source with one of the target."""
+    known, options = request.known, request.options
     automatic = options.initial in ("auto", "landmarks")
-    with stage("Analyzing the shapes", 0.0, ANALYSING):
+    with stage("Analyzing the shapes", 0.0, ANALYSED):
         shapes = _analyse(body, options, AHEAD if automatic else ())
     exact = options.landmarks if options.exact_landmarks else None
     pair = Pair(
-        source,
-        target,
+        request.source,
+        request.target,
         *shapes,
         k_final=options.k_final,
         step=options.step,
         exact_landmarks=exact,
         regions=known.regions,
-        notes=notes,
+        notes=request.notes,
         shares=body.shares,
     )
-    with portion(ANALYSING, 1.0):
+    with portion(ANALYSED, 1.0):
         return Attempt(pair, _find_candidates(pair, known, options), body.coverage)
 
 
@@ -197,11 +216,8 @@ def _find_candidates(pair: Pair, known: Constraints, options: MatchOptions) -> l
     automatic = options.initial in ("auto", "landmarks")
     with stage("Guessing", 0.0, 0.15):
         by_landmarks = hypothesis_of_landmarks(pair, known)
-        if (
-            by_landmarks is not None
-            and known.landmarks is not None
-            and np.shape(known.landmarks[0])[0] >= MIN_LANDMARKS_SHOWN
-        ):
+        landmark_count = 0 if known.landmarks is None else len(np.asarray(known.landmarks[0]))
+        if by_landmarks is not None and landmark_count >= MIN_LANDMARKS_SHOWN:
             _show(pair, [upsample_hypothesis(by_landmarks, *shapes)[1]])
         earlier = None if options.initial_map is None else given_hypothesis(pair, options.initial_map)
         evidence = gather_evidence(pair, known, earlier) if options.initial == "auto" else known

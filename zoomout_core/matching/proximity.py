@@ -16,9 +16,11 @@ from zoomout_core.arrays import Booleans, Floats, segment_sum
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.options import MAX_ANGLE, MAX_DISTANCE
+from zoomout_core.mesh.errors import MeshError
+from zoomout_core.mesh.input_checks import measurable
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.shapes import ShapeLike, as_surface
-from zoomout_core.mesh.surface import MeshError, Surface, measurable
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import border_edges, unit_vectors, vertex_areas
 from zoomout_core.messages import message
 from zoomout_core.runtime.progress import stage
@@ -56,8 +58,8 @@ class ProximityMatch:
 def match_by_proximity(
     source: ShapeLike,
     target: ShapeLike,
-    most_distance: float = MAX_DISTANCE,
-    most_angle: float = MAX_ANGLE,
+    max_distance: float = MAX_DISTANCE,
+    max_angle: float = MAX_ANGLE,
     either_side: bool = False,
 ) -> ProximityMatch:
     """Find for every vertex of the target the nearest point on the source, for surfaces that overlap in space.
@@ -67,8 +69,8 @@ def match_by_proximity(
     Args:
         source: the surface that the map lands on, such as a body.
         target: the surface that the map starts from, such as clothes on it, in the same pose.
-        most_distance: maximum distance of the nearest point, relative to the square root of the source's area.
-        most_angle: maximum angle between the normals at the two points, in degrees. The outer side of an open part of
+        max_distance: maximum distance of the nearest point, relative to the square root of the source's area.
+        max_angle: maximum angle between the normals at the two points, in degrees. The outer side of an open part of
             the target is determined by its nearest points.
         either_side: whether opposite normals are accepted as well, for clothes with an inner side of their own.
 
@@ -81,23 +83,23 @@ def match_by_proximity(
         >>> bool(zo.match_by_proximity(source, clothes).confidence.min() > 0)
         True
     """
-    if not isinstance(most_distance, Real) or not 0 < most_distance < np.inf:
-        raise ValueError(f"most_distance is {most_distance!r}: give a part of the square root of the source's area.")
-    if not isinstance(most_angle, Real) or not 0 <= most_angle <= 180:
-        raise ValueError(f"most_angle is {most_angle!r}: give degrees from 0 to 180.")
-    min_cosine = np.cos(np.radians(most_angle))
+    if not isinstance(max_distance, Real) or not 0 < max_distance < np.inf:
+        raise ValueError(f"max_distance is {max_distance!r}: give a part of the square root of the source's area.")
+    if not isinstance(max_angle, Real) or not 0 <= max_angle <= 180:
+        raise ValueError(f"max_angle is {max_angle!r}: give degrees from 0 to 180.")
+    min_cosine = np.cos(np.radians(max_angle))
     with stage("Finding the nearest points"):
-        return _match(as_surface(source), as_surface(target), most_distance, min_cosine, either_side)
+        return _match(as_surface(source), as_surface(target), max_distance, min_cosine, either_side)
 
 
 def _match(
-    source: Surface, target: Surface, most_distance: float, min_cosine: float, either_side: bool
+    source: Surface, target: Surface, max_distance: float, min_cosine: float, either_side: bool
 ) -> ProximityMatch:
     placed = measurable(target.vertices)
     places = np.where(placed[:, None], target.vertices, source.vertices[source.triangles[0, 0]])
     surface_map = SurfaceMap(*closest_points(places, source.vertices, source.triangles), source.triangles)
     distance = np.linalg.norm(surface_map.interpolate(source.vertices) - places, axis=1)
-    near = placed & (distance <= most_distance * np.sqrt(source.area))
+    near = placed & (distance <= max_distance * np.sqrt(source.area))
     if not near.any():
         raise MeshError(
             "No part of the target is near the source: align the two in the same pose, or allow a larger distance."

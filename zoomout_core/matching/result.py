@@ -29,8 +29,9 @@ from zoomout_core.matching.refinement.dense_map import dense_map
 from zoomout_core.matching.refinement.repair import repair
 from zoomout_core.matching.report.notes import notes_on_map, notes_on_rest
 from zoomout_core.matching.report.verdict import LOW_CONFIDENCE, VERDICT, Faults, Verdict, judge
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.memory import memory_in_words
-from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.messages import probability
 from zoomout_core.runtime.array_files import ArrayFileError, read_arrays

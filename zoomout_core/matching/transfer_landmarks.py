@@ -22,7 +22,7 @@ from zoomout_core.matching.registration.smooth_warp import (
     warp,
 )
 from zoomout_core.matching.result import MatchResult, check_result
-from zoomout_core.mesh.surface import vertex_numbers
+from zoomout_core.mesh.input_checks import vertex_numbers
 from zoomout_core.mesh.triangles import area_normals, unit_vectors
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.runtime.progress import stage
@@ -95,7 +95,7 @@ def transfer_landmarks(result: MatchResult, points: ArrayLike) -> TransferredLan
         points: (q, 3) points on or near the source's surface, in its frame and unit; or (q,) numbers of its vertices.
 
     Raises:
-        TypeError: it is no result of `match`.
+        TypeError: it is not a result of `match`.
         ValueError: the points are neither.
         LandmarkError: a point is not near the source's surface.
 

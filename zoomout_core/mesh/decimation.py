@@ -52,10 +52,10 @@ def decimate(vertices: Floats, triangles: Integers, count: int) -> tuple[Floats,
     merged = np.arange(len(vertices))
     area = triangle_areas(vertices, triangles).sum()
     close = MIN_EDGE * np.sqrt(area / count)
-    most = len(vertices)
+    original = len(vertices)
     random = np.random.default_rng(0)
     while len(vertices) > MAX_STAGE_VERTICES:
-        into = _thin(vertices, triangles, close, random, _progress(most, len(vertices), count))
+        into = _thin(vertices, triangles, close, random, _progress(original, len(vertices), count))
         is_kept = np.zeros(len(vertices), dtype=bool)
         is_kept[into] = True
         kept, number = np.flatnonzero(is_kept), (np.cumsum(is_kept) - 1)[into]
@@ -64,7 +64,7 @@ def decimate(vertices: Floats, triangles: Integers, count: int) -> tuple[Floats,
         triangles = take_rows(number, triangles)
         triangles = triangles[have_three_corners(triangles)]
         vertices, merged = vertices[kept], number[merged]
-        advance(_progress(most, len(vertices), count))
+        advance(_progress(original, len(vertices), count))
     if 2 * count < len(triangles) and _share_of_flat(vertices, triangles) > MIN_FLAT:
         vertices = vertices + JITTER * np.sqrt(area / len(vertices)) * random.standard_normal(vertices.shape)
     while 2 * count < len(triangles):
@@ -73,15 +73,15 @@ def decimate(vertices: Floats, triangles: Integers, count: int) -> tuple[Floats,
         merged = into[merged]
         finished = stage == count or len(points) > MAX_REMAINING_SHARE * len(vertices)
         vertices = points
-        advance(_progress(most, len(vertices), count))
+        advance(_progress(original, len(vertices), count))
         if finished:
             break
     return vertices, triangles, merged
 
 
-def _progress(most: int, left: int, count: int) -> float:
-    """The completed fraction of a decimation from `most` to `count` vertices."""
-    return float(np.clip(np.log(most / left) / max(np.log(most / count), 1e-9), 0, 1))
+def _progress(original: int, left: int, count: int) -> float:
+    """The completed fraction of a decimation from `original` to `count` vertices."""
+    return float(np.clip(np.log(original / left) / max(np.log(original / count), 1e-9), 0, 1))
 
 
 def _share_of_flat(vertices: Floats, triangles: Integers) -> float:
@@ -139,8 +139,8 @@ def _thin(vertices: Floats, triangles: Integers, close: float, random: np.random
 
 def _max_around(vertex: Indices, values: Integers, n: int) -> Integers:
     """(n,) the largest of the values (e,) at each vertex, by the vertex (e,) of each, ascending; -1 without a value."""
-    most = np.full(n, -1)
+    highest = np.full(n, -1)
     if len(vertex):
         first = np.flatnonzero(np.diff(vertex, prepend=-1))
-        most[vertex[first]] = np.maximum.reduceat(values, first)
-    return most
+        highest[vertex[first]] = np.maximum.reduceat(values, first)
+    return highest

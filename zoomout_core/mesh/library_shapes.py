@@ -10,7 +10,8 @@ import numpy as np
 from zoomout_core.arrays import Floats
 from zoomout_core.mesh.formats.files import polygons_of_scene
 from zoomout_core.mesh.formats.meshio_files import faces_of_meshio
-from zoomout_core.mesh.surface import PointCloud, Surface
+from zoomout_core.mesh.point_cloud import PointCloud
+from zoomout_core.mesh.surface import Surface
 
 
 class MeshLike(Protocol):

@@ -13,7 +13,8 @@ from zoomout_core.arrays import Floats
 from zoomout_core.mesh.formats.files import read_shape
 from zoomout_core.mesh.library_shapes import LibraryShape, library_shape
 from zoomout_core.mesh.memory import memory_in_words
-from zoomout_core.mesh.surface import PointCloud, Surface
+from zoomout_core.mesh.point_cloud import PointCloud
+from zoomout_core.mesh.surface import Surface
 
 # A surface, a point cloud, (vertices, faces), a mesh or a point cloud of another library, or the path of a file.
 ShapeLike: TypeAlias = Surface | PointCloud | tuple[ArrayLike, ArrayLike] | LibraryShape | str | PathLike[str]

@@ -3,13 +3,25 @@
 
 from __future__ import annotations
 
-from functools import reduce
 from typing import NamedTuple
 
 import numpy as np
 import scipy
 
-from zoomout_core.arrays import Booleans, Floats, Indices, Integers, row_norms, segment_sum, take_rows
+from zoomout_core.arrays import (
+    Booleans,
+    Floats,
+    Indices,
+    Integers,
+    all_in_row,
+    any_in_row,
+    row_norms,
+    segment_sum,
+    take_rows,
+)
+
+# Triangles whose corners are read at once, which fit into the processor's cache.
+TRIANGLES = 1 << 14
 
 
 def triangle_areas(vertices: Floats, triangles: Integers) -> Floats:
@@ -126,11 +138,16 @@ def components(pairs: Integers, n: int) -> Indices:
 
 def area_normals(vertices: Floats, triangles: Integers) -> Floats:
     """(m, 3) normals of the triangles (m, 3) on the points (n, 3), twice as long as their areas."""
-    # One coordinate after the other takes half the time of whole vectors.
-    a, b, c = np.ascontiguousarray(triangles.T)
-    sides = [(x[b] - x[a], x[c] - x[a]) for x in np.ascontiguousarray(vertices.T)]
-    ab, ac = zip(*sides, strict=True)
-    return np.stack([ab[i - 2] * ac[i - 1] - ab[i - 1] * ac[i - 2] for i in range(3)], axis=1)
+    normals = np.empty((len(triangles), 3), dtype=vertices.dtype)
+    for first in range(0, len(triangles), TRIANGLES):
+        block = slice(first, first + TRIANGLES)
+        # Coordinates first: products of one with another take half the time of whole vectors.
+        a, ab, ac = (take_rows(vertices, corner).T.copy() for corner in triangles[block].T)
+        ab -= a
+        ac -= a
+        for i in range(3):
+            np.subtract(ab[i - 2] * ac[i - 1], ab[i - 1] * ac[i - 2], out=normals[block, i])
+    return normals
 
 
 def cross(u: Floats, v: Floats) -> Floats:
@@ -145,8 +162,13 @@ def signed_areas(corners: Floats) -> Floats:
 
 
 def at_any(chosen: Booleans, triangles: Integers) -> Booleans:
-    """A mask (m,) of the triangles (m, 3) with a corner among some vertices (n,)."""
-    return np.asarray(reduce(np.logical_or, [chosen[corner] for corner in triangles.T]))
+    """A mask (m,) of the triangles (m, 3), or edges (m, 2), with a corner among some vertices (n,)."""
+    return any_in_row(chosen[triangles])
+
+
+def at_all(chosen: Booleans, triangles: Integers) -> Booleans:
+    """A mask (m,) of the triangles (m, 3), or edges (m, 2), with all corners among some vertices (n,)."""
+    return all_in_row(chosen[triangles])
 
 
 def widen(chosen: Booleans, triangles: Integers) -> Booleans:

@@ -6,6 +6,7 @@ from __future__ import annotations
 import json
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
@@ -18,17 +19,19 @@ from zoomout_core.collection.shapes import content_key
 from zoomout_core.collection.tasks import place_of_map
 from zoomout_core.drawing import encode_png
 from zoomout_core.matching.options import MatchOptions
-from zoomout_core.matching.report.verdict import AMBER, GREEN, Verdict, check_verdict, worst
+from zoomout_core.matching.report.verdict import Verdict, check_verdict, worst
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.files import write_shape
 from zoomout_core.mesh.formats.opening import existing, file_bytes
-from zoomout_core.mesh.surface import MeshError, Surface
-from zoomout_core.messages import from_json, message, to_json
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.messages import from_json, to_json
 from zoomout_core.outfits.check import CheckedOutfit
+from zoomout_core.outfits.joint_match import match_by_joints
 from zoomout_core.outfits.pictures import draw_outfit
 from zoomout_core.runtime.outputs import atomic_write, check_no_input, is_same_file, write_whole
 from zoomout_core.runtime.progress import portion
 from zoomout_core.runtime.version import package_version
-from zoomout_core.transfer.rigging.joint_map import RiggedBody, SharedJoints
+from zoomout_core.transfer.rigging.joint_map import RiggedBody
 
 # Folders of the results: bodies, bodies in the shapes of others, dressed avatars, pictures, and records of these.
 BODIES, FITS, DRESSED, PICTURES, RECORDS = "bodies", "fits", "dressed", "pictures", "records"
@@ -36,12 +39,6 @@ BODIES, FITS, DRESSED, PICTURES, RECORDS = "bodies", "fits", "dressed", "picture
 BY_JOINTS = "by_joints"
 # Fraction of the progress at the end of matching.
 MATCHED = 0.4
-
-MATCHED_BY_JOINTS = (
-    "The bodies were matched by their joints, because the match of their shapes sends {share:.0%} of the avatar to "
-    "other limbs."
-)
-LOOK_FOR_SLIDES = "Look at the pictures: clothes may have slid along limbs."
 
 
 class DressedFile(NamedTuple):
@@ -300,20 +297,22 @@ def _match_by_joints(
     seen = set[PairName]()
     for outfit, avatar in wanted:
         pair = PairName(bodies[names[outfit]].stem, bodies[names[avatar]].stem)
-        if pair in seen or pair not in matches.records or matches.verdict(pair).level == GREEN:
+        if pair in seen or pair not in matches.records:
             continue
         seen.add(pair)
-        source, target = files.read_rigged(outfit, True), files.read_rigged(avatar, False)
-        joints = None if source is None or target is None else SharedJoints.of(source, target)
-        matched = matches.surface_map(*pair)
-        if joints is None or not joints.contradict(matched):
-            continue
-        place = folder / BY_JOINTS / place_of_map(pair)
-        place.parent.mkdir(parents=True, exist_ok=True)
-        joints.map().save(place)
-        sentence = message(MATCHED_BY_JOINTS, share=joints.share_on_other_limbs(matched))
-        found[pair] = place, Verdict(AMBER, sentence, LOOK_FOR_SLIDES)
+        read = partial(_read_rigged, files, outfit, avatar)
+        by_joints = match_by_joints(matches.surface_map(*pair), matches.verdict(pair).level, read)
+        if by_joints is not None:
+            place = folder / BY_JOINTS / place_of_map(pair)
+            place.parent.mkdir(parents=True, exist_ok=True)
+            by_joints.surface_map.save(place)
+            found[pair] = place, by_joints.verdict
     return found
+
+
+def _read_rigged(files: AvatarFiles, outfit: Path, avatar: Path) -> tuple[RiggedBody | None, RiggedBody | None]:
+    """The bodies of an outfit and of an avatar, with their bones."""
+    return files.read_rigged(outfit, True), files.read_rigged(avatar, False)
 
 
 def _verdict(matches: CollectionResult, bodies: PairName) -> Verdict | str:

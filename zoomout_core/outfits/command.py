@@ -12,8 +12,8 @@ from zoomout_core.collection.report import PAGE, REPORT
 from zoomout_core.collection.tasks import MAPS, SHAPES
 from zoomout_core.matching.options import MatchOptions
 from zoomout_core.matching.preparation.disk_cache import remove_shapes
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.folders import meshes_of_all
-from zoomout_core.mesh.surface import MeshError
 from zoomout_core.outfits.batch import (
     BODIES,
     BY_JOINTS,

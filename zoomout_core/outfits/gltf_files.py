@@ -16,9 +16,10 @@ from zoomout_core.assets.gltf.append import append_to_gltf
 from zoomout_core.assets.gltf.compress import compress_gltf
 from zoomout_core.collection.shapes import content_key
 from zoomout_core.maps.known_match import KnownMatch
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.gltf_document import VRM_0
 from zoomout_core.mesh.formats.opening import file_bytes
-from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.outfits.batch import FITS, DressedFile
 from zoomout_core.outfits.check import check_outfit
 from zoomout_core.outfits.dress_avatar import dress_avatar

@@ -14,8 +14,9 @@ from scipy.sparse import csr_array
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.assets.asset import MATERIALS, Asset
 from zoomout_core.assets.part_names import matches
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.opening import shown
-from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.transfer.attribute import Domain
 from zoomout_core.transfer.groups import expand_ranges
 

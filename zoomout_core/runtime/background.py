@@ -28,7 +28,7 @@ class Background(Generic[Result]):
         return bool(wait([self._future], seconds).done)
 
     def result(self) -> Result:
-        """Return the result, or raise what the function raised; waits until it has ended."""
+        """Wait until the function has ended; return its result, or raise its exception."""
         return self._future.result()
 
     def cancel(self) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Packages that import their modules on first use, so that programs start without waiting for what they do not use.
+"""Packages that import their modules on first use, so that programs start without waiting for unused modules.
 
 A package declares its imports twice: under `TYPE_CHECKING`, for type checkers and readers, and by one of these
 functions, whose result is the package's `__getattr__` (PEP 562). `import scipy` works in the same way.

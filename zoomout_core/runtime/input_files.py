@@ -101,7 +101,7 @@ def reason_of(error: Exception) -> str:
     return str(error) if isinstance(error, FormatError) else "its content is damaged, or of another format"
 
 
-def most_bytes(packed: int, expansion: int = MAX_EXPANSION, allowed: int = ALWAYS_ALLOWED) -> int:
+def max_bytes(packed: int, expansion: int = MAX_EXPANSION, allowed: int = ALWAYS_ALLOWED) -> int:
     """The number of bytes to which compressed data of some size may expand, see `MAX_EXPANSION`."""
     return min(max(allowed, expansion * packed), MAX_BYTES)
 
@@ -122,7 +122,7 @@ def check_expansion(
     chosen = archive.infolist() if members is None else list(members)
     if any(info.compress_type not in (ZIP_STORED, ZIP_DEFLATED) for info in chosen):
         raise ExpansionError("it is compressed by an unusual method")
-    size, most = sum(info.file_size for info in chosen), most_bytes(_size(archive.fp), expansion, allowed)
+    size, most = sum(info.file_size for info in chosen), max_bytes(_size(archive.fp), expansion, allowed)
     if size > most:
         raise ExpansionError(f"it would expand to {size} bytes, and {most} are allowed for its size")
 

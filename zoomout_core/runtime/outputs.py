@@ -136,7 +136,7 @@ def atomic_write_together(
 
     Args:
         output: the file to write.
-        inputs: files that must not be replaced; one that would get the content that it has is left as it is.
+        inputs: files that must not be replaced; one that would get its present content is not written.
 
     Raises:
         OutputError: it could not be written, or would replace an input; the earlier files are unchanged.

@@ -15,7 +15,7 @@ ACTING = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u200e\u200f\u2028-\u20
 def print_any_character() -> None:
     """Print characters as numbers if the standard output cannot show them, such as on Windows, or would obey them.
 
-    A standard error that is closed discards what is printed.
+    A standard error that is closed discards all text.
     """
     if sys.stderr is None:  # the user has closed it; the next opened file must not take its place
         sys.stderr = open(os.devnull, "w")  # noqa: SIM115, until the process ends

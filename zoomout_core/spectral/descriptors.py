@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from scipy.sparse import csc_array, csr_array
 
 from zoomout_core.arrays import Floats, Integers, check_counts
-from zoomout_core.mesh.surface import vertex_numbers
+from zoomout_core.mesh.input_checks import vertex_numbers
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.spectral.eigenbasis import SpectralBasis, check_size
 from zoomout_core.tuning import Tuning, tuned

@@ -104,7 +104,7 @@ class Symmetry(SelfMap):
 @on_one_blas_thread
 def detect_symmetry(
     surface: ShapeLike,
-    most: int = 8,
+    max_count: int = 8,
     left: ArrayLike = LEFT,
     k_final: int = K_FINAL,
     step: int = 20,
@@ -119,7 +119,7 @@ def detect_symmetry(
     Args:
         surface: the surface or a point cloud of it. Its largest part determines the symmetry; loose parts follow, such
             as a left eye onto the right one.
-        most: maximum number of symmetries to return.
+        max_count: maximum number of symmetries to return.
         left: (3,) direction to the character's left in the surface's frame, which distinguishes the sides.
         k_final: size of the final functional maps; smaller on meshes with fewer vertices.
         step: growth of the functional maps per iteration.
@@ -143,7 +143,7 @@ def detect_symmetry(
         True
     """
     check_sizes(k_final, step, samples, proxy_vertices)
-    check_count("most", most, 1)
+    check_count("max_count", max_count, 1)
     check_count("seed", seed, 0)
     to_the_left, surface = _unit_vector(left), as_surface(surface)
     check_memory([len(surface.working.vertices)], k_final, proxy_vertices)
@@ -152,7 +152,7 @@ def detect_symmetry(
         if best is None:
             return ()
         least = MIN_SYMMETRY_CERTAINTY
-        chosen = [entry for i, entry in enumerate(best.candidates[:most]) if i == 0 or entry.certainty >= least]
+        chosen = [entry for i, entry in enumerate(best.candidates[:max_count]) if i == 0 or entry.certainty >= least]
         with stage("Refining", START_OF_BODY[-1], 1.0):
             found = for_each(lambda candidate: _symmetry(best.pair, candidate, to_the_left), chosen)
     return tuple(sorted(found, key=_sort_key))

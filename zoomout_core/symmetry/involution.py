@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from zoomout_core.arrays import Floats, Integers
-from zoomout_core.geometry.closest_points import project_to_embedding
+from zoomout_core.geometry.embedded_surface import project_to_embedding
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 from zoomout_core.mesh.surface import Surface

@@ -15,7 +15,8 @@ from zoomout_core.arrays import Floats
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.geometry.procrustes import Moments, nearest_rotations, products
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.mesh.surface import MeshError, measurable
+from zoomout_core.mesh.errors import MeshError
+from zoomout_core.mesh.input_checks import measurable
 from zoomout_core.symmetry.mirror import Direction, own_share_of
 from zoomout_core.symmetry.self_map import SelfMap
 from zoomout_core.symmetry.sides import BLEND

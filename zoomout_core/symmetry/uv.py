@@ -17,7 +17,8 @@ from scipy.sparse import coo_array
 
 from zoomout_core.arrays import Booleans, Floats, Integers, segment_sum
 from zoomout_core.geometry.procrustes import Moments
-from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.mesh.errors import MeshError
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_areas
 from zoomout_core.symmetry.mirror import Direction, mirror, own_share_of
 from zoomout_core.symmetry.self_map import SelfMap

@@ -15,7 +15,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Floats, Integers, segment_sum
-from zoomout_core.geometry.closest_points import HUB, barycentric_of_closest, consecutive
+from zoomout_core.geometry.closest_points import barycentric_of_closest, consecutive
+from zoomout_core.geometry.embedded_surface import HUB
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_normals
 from zoomout_core.runtime.progress import portion

@@ -8,10 +8,14 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from zoomout_core.arrays import Floats
-from zoomout_core.mesh.surface import MeshError, Surface, measurable
+from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.mesh.errors import MeshError
+from zoomout_core.mesh.input_checks import measurable
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.messages import message
 from zoomout_core.transfer.attribute import Attribute, Domain, mean_over_vertices
+from zoomout_core.transfer.cut_mesh import CUT_TOLERANCE, adjacent_edges, face_edges
+from zoomout_core.transfer.groups import label_groups
 
 NOT_FINITE = "{count:,} of {total:,} values of '{name}' are not finite, and were replaced by the nearest finite values."
 
@@ -47,3 +51,45 @@ def with_finite_values(attribute: Attribute, surface: Surface) -> Attribute:
     filled[unknown] = values[known[cKDTree(places[known]).query(at)[1]]]
     note = message(NOT_FINITE, count=len(unknown), total=len(values), name=attribute.name)
     return replace(attribute, values=filled, notes=(*attribute.notes, note))
+
+
+def with_finite_uv(attribute: Attribute, surface: Surface) -> Attribute:
+    """Replace UVs (c, 2) that are not finite by those around them on the same island, and note it.
+
+    A corner takes the UV of an adjacent face on its island. If no face at its vertex has one, it takes the mean of the
+    neighboring corners on the island; without any, the nearest UV.
+
+    Raises:
+        MeshError: none of the UVs is finite.
+    """
+    values = np.asarray(attribute.values)
+    finite = np.isfinite(values).all(axis=1)
+    if finite.all() or not finite.any():
+        return with_finite_values(attribute, surface)
+    group = _joined_corners(values, finite, surface)
+    corner, following = face_edges(surface).T
+    filled, known = values.copy(), finite
+    for one, other in (
+        (corner, corner),
+        (np.concatenate([corner, following]), np.concatenate([following, corner])),
+    ):
+        count = np.bincount(group[one], known[other], len(group))
+        total = [np.bincount(group[one], np.where(known[other], axis[other], 0), len(group)) for axis in filled.T]
+        mean = np.stack(total, axis=1) / np.maximum(count, 1)[:, None]
+        found = ~known & (count[group] > 0)
+        filled[found] = mean[group[found]]
+        known = known | found
+    whole = with_finite_values(replace(attribute, values=filled), surface)
+    note = message(NOT_FINITE, count=int((~finite).sum()), total=len(values), name=attribute.name)
+    return replace(whole, notes=(*attribute.notes, note))
+
+
+def _joined_corners(values: Floats, finite: Booleans, surface: Surface) -> Integers:
+    """(c,) group of each corner, after joining faces at edges where their known UVs, of one end at least, are equal."""
+    first, second = adjacent_edges(surface)
+    known = finite[first] & finite[second]
+    shown = np.where(finite[:, None], values, 0)
+    tolerance = CUT_TOLERANCE * float(np.ptp(values[finite], axis=0).max())
+    same = (np.abs(shown[first] - shown[second]) <= tolerance).all(axis=2)
+    joined = known.any(axis=1) & (same | ~known).all(axis=1)
+    return label_groups(len(values), first[joined].ravel(), second[joined].ravel())

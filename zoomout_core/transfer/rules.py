@@ -14,14 +14,15 @@ from scipy.sparse import issparse
 
 from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.maps.surface_map import SurfaceMap, fault_of_map
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.shapes import ShapeLike, as_surface
-from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.runtime.threads import on_one_blas_thread
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind, element_count
 from zoomout_core.transfer.continuation import extrapolate_map
 from zoomout_core.transfer.edges.transfer_edges import snap_marks, transfer_edges
-from zoomout_core.transfer.finite import with_finite_values
+from zoomout_core.transfer.finite import with_finite_uv, with_finite_values
 from zoomout_core.transfer.interpolate import MIX, VOTE
 from zoomout_core.transfer.keys.shape_keys import carry_offsets, conform_target
 from zoomout_core.transfer.mapped_target import MappedTarget
@@ -53,7 +54,8 @@ class Rule:
         widths: allowed numbers of columns; 0 means values without a second axis.
         dtypes: numpy's letters for the allowed types of values.
         meaning: the same in words, for the user.
-        finite: whether values must be finite.
+        fill: replaces values that are not finite; None if the attribute is refused because of them.
+        bounded: whether squares of the values must be finite.
         sparse: whether values must be a sparse array.
         column: the shape of each column; () for numbers.
         mixable: whether values can be mixed, like numbers; else one or the other is taken.
@@ -64,7 +66,8 @@ class Rule:
     widths: range
     dtypes: str
     meaning: str
-    finite: bool = False
+    fill: Callable[[Attribute, Surface], Attribute] | None = with_finite_values
+    bounded: bool = False
     sparse: bool = False
     column: tuple[int, ...] = ()
     mixable: bool = False
@@ -84,16 +87,17 @@ RULES: dict[Kind, Rule] = {
     Kind.DIRECTION: Rule(dict.fromkeys(ON_FACES, turn_directions), range(3, 4), "f", "three floats each"),
     Kind.NORMAL: Rule(dict.fromkeys(ON_FACES, turn_normals), range(3, 4), "f", "three floats each"),
     Kind.COLOR: Rule(MIXED, range(3, 5), "f", "three or four scene-linear floats each", mixable=True, mirrorable=True),
-    Kind.UV: Rule({Domain.CORNER: transfer_uv}, range(2, 3), "f", "two floats each", finite=True),
+    Kind.UV: Rule({Domain.CORNER: transfer_uv}, range(2, 3), "f", "two floats each", fill=with_finite_uv, bounded=True),
     Kind.QUATERNION: Rule(
-        dict.fromkeys(ON_FACES, mix_quaternions), range(4, 5), "f", "four floats each, w first", finite=True
+        dict.fromkeys(ON_FACES, mix_quaternions), range(4, 5), "f", "four floats each, w first", fill=None, bounded=True
     ),
     Kind.MATRIX: Rule(
         dict.fromkeys(ON_FACES, mix_matrices),
         range(16, 17),
         "f",
         "sixteen floats each, those of a 4x4 matrix row by row",
-        finite=True,
+        fill=None,
+        bounded=True,
     ),
     Kind.LABEL: Rule(VOTED, range(ANY), "iuUSO", "integers or strings"),
     Kind.BOOLEAN: Rule(VOTED, range(1), "b", "true or false each", mirrorable=True),
@@ -102,7 +106,8 @@ RULES: dict[Kind, Rule] = {
         range(1),
         "f",
         "one float each, zero where there is no mark",
-        finite=True,
+        fill=None,
+        bounded=True,
         mirrorable=True,
     ),
     Kind.WEIGHT: Rule(
@@ -110,7 +115,8 @@ RULES: dict[Kind, Rule] = {
         range(1, ANY),
         "f",
         "a scipy.sparse array of floats",
-        finite=True,
+        fill=None,
+        bounded=True,
         sparse=True,
         mixable=True,
         mirrorable=True,
@@ -120,7 +126,8 @@ RULES: dict[Kind, Rule] = {
         range(1, ANY),
         "f",
         "three floats for each key",
-        finite=True,
+        fill=None,
+        bounded=True,
         column=(3,),
         mixable=True,
     ),
@@ -153,7 +160,7 @@ def transfer(
         options: options of the attribute's kind; for weights see `weights.mix_weights`.
 
     Returns:
-        The attribute with values for the target; its notes say what the user should check.
+        The attribute with values for the target; its notes name places that the user should check.
 
     Raises:
         MeshError: the kind cannot be transferred on its domain, the values do not fit the source, or the map
@@ -219,11 +226,12 @@ def surfaces_of(
 def transfer_along(attribute: Attribute, mapped: MappedTarget, **options: Any) -> Attribute:
     """`transfer` of one of many attributes, which share the computations on the map."""
     rule = _rule(attribute)
-    _check_values(attribute, rule, mapped.source)
+    _check_format(attribute, rule, mapped.source)
+    if rule.fill is not None:
+        attribute = rule.fill(attribute, mapped.source)
+    _check_numbers(attribute, rule)
     function = rule.domains[attribute.domain]
     _check_options(options, attribute.kind, function)
-    if not rule.finite:
-        attribute = with_finite_values(attribute, mapped.source)
     return function(attribute, mapped, **options)
 
 
@@ -269,7 +277,7 @@ def _check_options(options: Mapping[str, Any], kind: Kind, function: Callable[..
         raise TypeError(f"The kind {kind.name.lower()} has no option {unknown[0]}: {choice}.")
 
 
-def _check_values(attribute: Attribute, rule: Rule, source: Surface) -> None:
+def _check_format(attribute: Attribute, rule: Rule, source: Surface) -> None:
     name, domain = attribute.name, attribute.domain
     values: Any = attribute.values if issparse(attribute.values) else np.asarray(attribute.values)
     needs = f"the kind {attribute.kind.name.lower()} needs {rule.meaning}"
@@ -287,12 +295,16 @@ def _check_values(attribute: Attribute, rule: Rule, source: Surface) -> None:
         raise MeshError(f"'{name}' has {len(attribute.labels)} labels for {sum(columns[:1])} columns: give one each.")
     if values.dtype.kind == "O" and not all(isinstance(value, str) for value in values.flat):
         raise MeshError(f"'{name}' has values that are not all text, but {needs}.")
-    numbers = values.data if rule.sparse else values
-    if rule.finite and not (finite := np.isfinite(numbers)).all():
+
+
+def _check_numbers(attribute: Attribute, rule: Rule) -> None:
+    name, values = attribute.name, attribute.values
+    numbers = values.data if rule.sparse else np.asarray(values)
+    if rule.fill is None and not (finite := np.isfinite(numbers)).all():
         raise MeshError(
             "'{name}' has {count:,} values that are not finite: correct them.", name=name, count=(~finite).sum()
         )
-    if rule.finite and (huge := np.abs(numbers) > LARGEST_VALUE).any():
+    if rule.bounded and (huge := np.abs(numbers) > LARGEST_VALUE).any():
         raise MeshError(
             "'{name}' has {count:,} values that are far too large: correct them.", name=name, count=huge.sum()
         )

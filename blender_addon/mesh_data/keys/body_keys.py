@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Shape keys of a body that drive keys of the same names on what it wears."""
+"""Shape keys of a body that drive keys of the same names on worn objects."""
 
 from __future__ import annotations
 
@@ -37,6 +37,11 @@ class BodyKeys:
     def displacement(self) -> Floats:
         """(n, 3) displacement of the body by the present values."""
         return np.einsum("nkx,k->nx", self.offsets, self.values)
+
+    @property
+    def at_rest(self) -> Floats:
+        """(n, 3) the same displacement in the rest pose, without correctives."""
+        return np.einsum("nkx,k->nx", self.offsets, np.where(self.is_corrective, 0, self.values))
 
 
 def read_body_keys(body: Object) -> BodyKeys | None:

@@ -129,7 +129,7 @@ def read_own_shape_keys(mesh: Mesh) -> ShapeKeys:
 
 
 def read_full_offsets(obj: Object) -> dict[str, Floats]:
-    """By name, what each key of an object adds at a value of 1, through its mask: (n, 3) in the object's space."""
+    """The offsets (n, 3) that each key of an object adds at a value of 1, by name, in the object's space."""
     if obj.data.shape_keys is None:
         return {}
     own = read_own_shape_keys(obj.data)
@@ -233,7 +233,7 @@ def write_shape(obj: Object, name: str, shape: Floats) -> None:
 
 
 def write_animation(source: Key, target: Key, names: Sequence[str]) -> None:
-    """Copy the source's drivers of some keys, which read what they read, and its action if the target has none."""
+    """Copy the source's drivers of some keys, which read the same values, and its action if the target has none."""
     animation = source.animation_data
     if animation is None:
         return

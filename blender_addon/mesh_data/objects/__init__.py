@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Objects that are converted as a whole or made: levels of detail, links, clothes, strands, copies, text."""
+"""Conversion of whole objects, and creation of new ones: levels of detail, links, clothes, strands, copies, text."""

@@ -16,7 +16,7 @@ from zoomout_core.assets.asset import MATERIALS, NORMALS, SHAPE_KEYS, UV, Asset,
 from zoomout_core.assets.level import Level
 from zoomout_core.maps.surface_map import interpolation_matrix
 from zoomout_core.mesh.affine_maps import normalise
-from zoomout_core.mesh.surface import MeshError
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 
 from ..arrays import read_array

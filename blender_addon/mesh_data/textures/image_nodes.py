@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The image textures of materials: what they are used for, by which UVs, and copies that use other images."""
+"""The image textures of materials: their use, their UVs, and copies that use other images."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class ImageUse:
 
     Attributes:
         node: the name of its node.
-        role: what it is used for.
+        role: its use.
         image: the full name of the image.
         uv_map: the name of its UV map; None for the active one.
         placing: (2, 3) the linear part and the translation that take UVs to places in the image.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Operators that play something in the viewport until a click or ESC, and then restore what was there."""
+"""Operators that play something in the viewport until a click or ESC, and then restore the scene."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ class PlayOperator(Operator):
         return {"PASS_THROUGH"} if event.type in (*OF_VIEW, "TIMER") else {"RUNNING_MODAL"}
 
     def cancel(self, context: Context) -> None:
-        """Restore what was there; Blender calls this when a file is loaded or the window closes."""
+        """Restore the scene; Blender calls this when a file is loaded or the window closes."""
         running_operators.end(self)
         self.restore(context)
         context.window_manager.event_timer_remove(self._timer)

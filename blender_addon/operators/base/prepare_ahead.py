@@ -39,7 +39,7 @@ _job: Job[None] | None = None
 
 
 def consider() -> None:
-    """Prepare what is selected, after a pause; called after each change of the scene."""
+    """Prepare the selected meshes, after a pause; called after each change of the scene."""
     if prepares_ahead(bpy.context) and not (bpy.app.background or bpy.app.timers.is_registered(_tick)):
         bpy.app.timers.register(_tick, first_interval=PAUSE)
 
@@ -66,14 +66,14 @@ def clear() -> None:
 
 
 def _tick() -> float | None:
-    """Continue to prepare what is selected; returns the seconds until Blender calls this again."""
+    """Continue to prepare the selected meshes; returns the seconds until Blender calls this again."""
     window = bpy.context.window_manager.windows[0]
     with bpy.context.temp_override(window=window):
         return TICK if advance(bpy.context) else None
 
 
 def advance(context: Context) -> bool:
-    """Prepare what is selected, for a slice; returns whether to go on."""
+    """Prepare the selected meshes, for a slice; returns whether to go on."""
     global _job, _latest
     pair = None if activity.running else _selected_pair(context)
     if pair != _latest:

@@ -36,6 +36,28 @@ def check_binding(context: Context, source_name: str, target_name: str, binding:
         _check_movable(source, target)
     if settings.flip_names:
         raise zo.MeshError("Flip Group Names cannot be used with Bind to Rig: turn it off.")
+    _check_bindable(context, target, binding)
+    if mesh_data.is_flat(source):
+        raise zo.MeshError(
+            "'{source}' has a scale of zero, so nothing can be bound to its armature: change its scale.",
+            source=source.name,
+        )
+    if mesh_data.moves_by_itself(target):
+        raise zo.MeshError(
+            "'{target}' has an animation of its own, which would move it off the rig: clear its location, rotation and "
+            "scale animation, or bind a copy without it.",
+            target=target.name,
+        )
+    if not mesh_data.can_be_put(source, target):
+        raise zo.MeshError(
+            "Constraints, drivers or animation control the transform of '{target}': remove them, so "
+            "that it can be parented to the armature.",
+            target=target.name,
+        )
+
+
+def _check_bindable(context: Context, target: Object, binding: Binding) -> None:
+    """Check that a target has no other rig, and a mesh of its own."""
     if target.parent is not None and target.parent_type == "BONE":
         raise zo.MeshError(
             "'{target}' is already parented to a bone: clear its parent to bind it to the armature.", target=target.name
@@ -55,23 +77,6 @@ def check_binding(context: Context, source_name: str, target_name: str, binding:
     if target.data.shape_keys is not None and not target.data.shape_keys.use_relative:
         raise zo.MeshError(
             "The shape keys of '{name}' are absolute: turn on Relative in its shape keys.", name=target.name
-        )
-    if mesh_data.is_flat(source):
-        raise zo.MeshError(
-            "'{source}' has a scale of zero, so nothing can be bound to its armature: change its scale.",
-            source=source.name,
-        )
-    if mesh_data.moves_by_itself(target):
-        raise zo.MeshError(
-            "'{target}' has an animation of its own, which would move it off the rig: clear its location, rotation and "
-            "scale animation, or bind a copy without it.",
-            target=target.name,
-        )
-    if not mesh_data.can_be_put(source, target):
-        raise zo.MeshError(
-            "Constraints, drivers or animation control the transform of '{target}': remove them, so "
-            "that it can be parented to the armature.",
-            target=target.name,
         )
 
 

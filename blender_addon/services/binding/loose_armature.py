@@ -21,8 +21,8 @@ from ...adapters import FILL_BELOW
 from ...jobs import compute, run
 from ...scene.pair import find_mesh, name_of, writing
 from ...scene.stored_pair import stored_pair
-from ..constraints import check_options
 from ..matching.made_match import BY_SCRIPT, MatchUse, find_match, push_match, store_and_stop
+from ..matching.pair_match import check_options
 from ..targets import Write
 from .bind import move_bones, note_on_constraints
 from .check import check_armature, moves_vertices

@@ -28,8 +28,8 @@ from ...mesh_data import Bones, ObjectPair, OutfitBones, RigBones
 from ...scene.pair import find_mesh, name_of, writing
 from ...scene.stored_pair import stored_pair
 from ...storage.stored_match import Match
-from ..constraints import check_options
 from ..matching.made_match import BY_SCRIPT, MatchUse, find_match, push_match, store_and_stop
+from ..matching.pair_match import check_options
 from .bind import move_bones
 from .read import Rigged, read_rigged, weights_of_bones
 

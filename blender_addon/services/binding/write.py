@@ -61,7 +61,7 @@ def _copy_metarig(context: Context, rig: Object, target: Object, metarig: MovedR
 
 
 def _redirect_drivers(target: Object, read: Iterable[Object]) -> list[Message]:
-    """Make drivers of the target's own keys read its armature, as far as it has what they read elsewhere.
+    """Make drivers of the target's own keys read its armature, if it has the bones that they read elsewhere.
 
     Args:
         target: the object, bound.

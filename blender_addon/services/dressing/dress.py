@@ -9,8 +9,10 @@ from typing import Any
 
 from bpy.types import Context, Object
 
+import zoomout_core as zo
 from zoomout_core.arrays import Floats
 from zoomout_core.messages import message, sentences
+from zoomout_core.outfits.joint_match import match_by_joints
 from zoomout_core.runtime.progress import portion, stage
 from zoomout_core.transfer import carry
 
@@ -19,11 +21,10 @@ from ...jobs import compute, pause, run
 from ...mesh_data import ObjectPair, Worn
 from ...scene.pair import check_not_edited, find_mesh, name_of, names_of
 from ...scene.stored_pair import stored_pair
-from ...storage import stored_match
-from ..constraints import check_options
 from ..matching.made_match import BY_SCRIPT, MatchUse, find_match, store_and_stop
+from ..matching.pair_match import check_options
 from ..targets import Write
-from .fit import fit_worn, notes_on_hidden_skin, notes_on_stretch
+from .fit import fit_worn, notes_on_hidden_skin, notes_on_stretch, rigged_bodies
 from .read import READING, Dressing, check_unchanged, read_fitting, read_worn_object
 from .write import write_copies
 
@@ -98,10 +99,20 @@ async def prepare_dress(
     left_out: dict[str, str] = {}
     fitting = await read_fitting(context, pair, things, dressing, left_out)
     found = await find_match(context, pair, MATCHING, use, match_options)
-    if found.refused is not None:
+    verdict = None if isinstance(found.match, zo.ProximityMatch) else found.match.verdict
+    by_joints = None
+    if verdict is not None:
+        read = partial(rigged_bodies, fitting)
+        by_joints = await compute(partial(match_by_joints, found.match.surface_map, verdict.level, read))
+    if found.refused is not None and by_joints is None:
         return partial(store_and_stop, context, pair, found.refused, found.settings, use)
+    used = found.match if by_joints is None else by_joints.surface_map
     with portion(found.done, 1):
-        fit = await compute(partial(fit_worn, found.match, fitting, dressing))
+        fit = await compute(partial(fit_worn, used, fitting, dressing))
+    on_match: tuple[str, ...] = ()
+    if by_joints is not None:
+        verdict = by_joints.verdict
+        on_match = verdict.sentence, verdict.advice
 
     def write() -> dict[str, Any]:
         check_not_edited(context, pair)
@@ -117,8 +128,14 @@ async def prepare_dress(
             "target": target_name,
             "objects": made,
             "left_out": left_out,
-            "verdict": stored_match.pack_verdict(found.match),
-            "notes": [*fit.dressed.notes, *notes_on_stretch(fitting.worn, fit.dressed), *fitting.notes, *notes],
+            "verdict": None if verdict is None else verdict._asdict(),
+            "notes": [
+                *on_match,
+                *fit.dressed.notes,
+                *notes_on_stretch(fitting.worn, fit.dressed),
+                *fitting.notes,
+                *notes,
+            ],
         }
 
     return write

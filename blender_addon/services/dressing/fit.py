@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.sparse import csr_array
+from scipy.sparse import csr_array, diags_array
 
 import zoomout_core as zo
 from zoomout_core.arrays import Booleans, Floats
@@ -27,11 +27,12 @@ from zoomout_core.transfer import (
     shape_of_source,
 )
 from zoomout_core.transfer.dressing.hidden_skin import keys_that_hide_skin
+from zoomout_core.transfer.rigging.joint_map import RiggedBody
 
-from ...mesh_data import BodyKeys, OutfitBones, Worn
+from ...mesh_data import BodyKeys, Bones, OutfitBones, Worn
 from ...storage import stored_match
 from .read import Dressing, Fitting, Rigs
-from .worn_weights import Change, GroupWeights, clear_copies, follow_groups, weights_of_bones
+from .worn_weights import BodyPair, BoneNames, Change, GroupWeights, clear_copies, follow_groups, weights_of_bones
 
 # Fractions of the progress for giving the source the target's shape, and for fitting, before objects follow keys.
 SHAPING, FITTED = 0.8, 0.9
@@ -60,7 +61,27 @@ class Fit:
     hiding: tuple[str, ...] = ()
 
 
-def fit_worn(match: stored_match.Match, fitting: Fitting, dressing: Dressing) -> Fit:
+def rigged_bodies(fitting: Fitting) -> tuple[RiggedBody | None, RiggedBody | None]:
+    """The source without worn parts, and the target, with their bones; None unless they have different armatures."""
+    if fitting.rigs is None or fitting.weights is None:
+        return None, None
+    rigs, weights = fitting.rigs, fitting.weights
+    of_source, of_target = (
+        weights_of_bones(groups, bones.names)
+        for groups, bones in ((weights.source, rigs.body), (weights.target, rigs.others))
+    )
+    of_body = csr_array(diags_array(fitting.is_body.astype(np.float64)) @ of_source)
+    return (
+        RiggedBody(fitting.source, _skeleton(rigs.body), of_body),
+        RiggedBody(fitting.target, _skeleton(rigs.others), of_target),
+    )
+
+
+def _skeleton(bones: Bones) -> Skeleton:
+    return Skeleton(bones.names, bones.parents, bones.heads)
+
+
+def fit_worn(match: stored_match.Match | zo.SurfaceMap, fitting: Fitting, dressing: Dressing) -> Fit:
     """Fit the worn objects, and let them follow the target's keys."""
     with portion(0, SHAPING):
         shape = shape_of_source(match, fitting.source, fitting.target)
@@ -112,10 +133,9 @@ def _manner(worn: Worn, chosen: Manner) -> Manner:
 
 def _align(shape: Floats, body: zo.Surface, fitting: Fitting, rigs: Rigs, weights: GroupWeights) -> Floats:
     """The shape of a body, aligned with the joints of the target's armature."""
-    bones = Skeleton(rigs.body.names, rigs.body.parents, rigs.body.heads)
-    others = Skeleton(rigs.others.names, rigs.others.parents, rigs.others.heads)
     of_body = weights_of_bones(weights.source, rigs.body.names)[_vertices_of(body, fitting)]
-    return align_joints(body, shape, fitting.target, JointPairs.of(bones, csr_array(of_body), others))
+    pairs = JointPairs.of(_skeleton(rigs.body), csr_array(of_body), _skeleton(rigs.others))
+    return align_joints(body, shape, fitting.target, pairs)
 
 
 def _vertices_of(body: zo.Surface, fitting: Fitting) -> Booleans:
@@ -135,8 +155,7 @@ def _move_bones(fit: Fit, fitting: Fitting, rigs: Rigs, body: zo.Surface, shape:
         upright[own] = np.einsum("bxy,by->bx", joints.rotations[::2], outfit.upright[own])
     size = float(np.ptp(fitting.target.vertices, axis=0).max())
     heads = zo.move_joints(body, shape, rigs.body.heads).positions
-    bones = Skeleton(rigs.body.names, rigs.body.parents, heads)
-    pairs = pair_bones(bones, Skeleton(rigs.others.names, rigs.others.parents, rigs.others.heads), size)
+    pairs = pair_bones(_skeleton(rigs.body)._replace(heads=heads), _skeleton(rigs.others), size)
     return replace(fit, outfit=replace(outfit, ends=ends, upright=upright), pairs=pairs)
 
 
@@ -144,17 +163,10 @@ def _follow_weights(
     fit: Fit, fitting: Fitting, rigs: Rigs, weights: GroupWeights, body: zo.Surface, shape: Floats
 ) -> Fit:
     """Change the weights of the copies as those of the body below them change."""
-    changes = follow_groups(
-        weights,
-        {name: fit.pairs.get(name, name) for name in rigs.body.names},
-        rigs.outfit.names,
-        rigs.others.names,
-        (body, _vertices_of(body, fitting)),
-        shape,
-        fitting.target,
-        fitting.worn,
-        fit.dressed.vertices,
-    )
+    partners = {name: fit.pairs.get(name, name) for name in rigs.body.names}
+    names = BoneNames(partners, rigs.outfit.names, rigs.others.names)
+    bodies = BodyPair(body, _vertices_of(body, fitting), shape, fitting.target)
+    changes = follow_groups(weights, names, bodies, fitting.worn, fit.dressed.vertices)
     return replace(fit, weights=changes)
 
 

@@ -150,7 +150,11 @@ async def read_fitting(
                 group=dressing.keep,
             )
         )
-    keys = mesh_data.read_body_keys(target) if dressing.follow_keys else None
+    keys = mesh_data.read_body_keys(target)
+    if keys is not None and not dressing.follow_keys:
+        if at_rest:  # copies without keys fit the target with the present values of its keys
+            onto = onto.with_vertices(onto.vertices + keys.at_rest)
+        keys = None
     if keys is not None and not at_rest and not mesh_data.stands_as_modelled(target, onto.vertices - keys.displacement):
         keys = None
         notes.append(

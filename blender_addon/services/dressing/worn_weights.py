@@ -61,38 +61,58 @@ def read_group_weights(context: Context, pair: ObjectPair, worn: Sequence[Worn])
     return GroupWeights(of_source, mesh_data.read_weights(target, target.data), of_worn)
 
 
+@dataclass(frozen=True, eq=False)
+class BoneNames:
+    """Names of the bones by which weights follow.
+
+    Attributes:
+        partners: for each bone of the source's body its name in the target's armature.
+        own: the outfit's own bones.
+        target: the target's bones.
+    """
+
+    partners: Mapping[str, str]
+    own: Sequence[str]
+    target: Sequence[str]
+
+
+@dataclass(frozen=True, eq=False)
+class BodyPair:
+    """The source's body and the target, at rest.
+
+    Attributes:
+        body: the source without worn parts.
+        is_body: (n_s,) which of the source's vertices the body has.
+        shape: (n, 3) the body's vertices in the target's shape.
+        target: the target.
+    """
+
+    body: zo.Surface
+    is_body: Booleans
+    shape: Floats
+    target: zo.Surface
+
+
 def follow_groups(
-    weights: GroupWeights,
-    names: Mapping[str, str],
-    own: Sequence[str],
-    bones: Sequence[str],
-    body: tuple[zo.Surface, Booleans],
-    shape: Floats,
-    target: zo.Surface,
-    worn: Sequence[Worn],
-    fitted: Sequence[Floats],
+    weights: GroupWeights, names: BoneNames, bodies: BodyPair, worn: Sequence[Worn], fitted: Sequence[Floats]
 ) -> list[Change | None]:
     """How the weights of copies follow the target's, see `follow_weights`.
 
     Args:
         weights: the vertex groups.
-        names: for each bone of the source's body its name in the target's armature.
-        own: names of the outfit's own bones.
-        bones: names of the target's bones.
-        body: the source at rest without worn parts, and (n_s,) which of the source's vertices it has.
-        shape: (n, 3) the vertices of this body in the target's shape.
-        target: the target at rest.
+        names: the bones.
+        bodies: the body that the copies are taken from, and the target.
         worn: the objects.
         fitted: for each (n, 3) its vertices on the target.
 
     Returns:
         The change for each object; None for those that keep their weights.
     """
-    labels = tuple(dict.fromkeys([*bones, *names.values(), *own]))
-    of_worn = {**names, **{name: name for name in own}}
-    surface, is_body = body
-    before = WeightedBody(surface, csr_array(_by_label(weights.source, names, labels)[is_body]))
-    after = WeightedBody(target, _by_label(weights.target, {name: name for name in bones}, labels))
+    labels = tuple(dict.fromkeys([*names.target, *names.partners.values(), *names.own]))
+    of_worn = {**names.partners, **{name: name for name in names.own}}
+    of_source = csr_array(_by_label(weights.source, names.partners, labels)[bodies.is_body])
+    before = WeightedBody(bodies.body, of_source)
+    after = WeightedBody(bodies.target, _by_label(weights.target, {name: name for name in names.target}, labels))
     changes: list[Change | None] = [None] * len(worn)
     if not before.weights.nnz or not after.weights.nnz:
         return changes
@@ -103,7 +123,7 @@ def follow_groups(
     }
     shapes, places = [worn[number].shape for number in bound], [fitted[number] for number in bound]
     masks = [worn[number].mask for number in bound]
-    followed = follow_weights(before, after, shapes, places, list(bound.values()), masks, shape)
+    followed = follow_weights(before, after, shapes, places, list(bound.values()), masks, bodies.shape)
     for (number, was), now in zip(bound.items(), followed, strict=True):
         used = np.union1d(was.indices, now.indices)
         named = replace(weights.source, labels=tuple(labels[column] for column in used))

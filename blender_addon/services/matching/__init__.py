@@ -11,12 +11,14 @@ if TYPE_CHECKING:
     from . import candidates as candidates
     from . import collection_match as collection_match
     from . import half_match as half_match
+    from . import hints as hints
     from . import initial_maps as initial_maps
     from . import joined_match as joined_match
     from . import landmark_import as landmark_import
     from . import made_match as made_match
     from . import match as match
     from . import name_matching as name_matching
+    from . import pair_match as pair_match
     from . import parts as parts
     from . import prepare_ahead as prepare_ahead
     from . import previews as previews

@@ -10,6 +10,7 @@ from mathutils import Vector
 import zoomout_core as zo
 from zoomout_core.matching.pair import MAX_LANDMARK_DISTANCE
 from zoomout_core.messages import message
+from zoomout_core.transfer.keys.key_names import COPY
 
 from ...mesh_data import (
     SurfacePoint,
@@ -22,7 +23,6 @@ from ...mesh_data import (
     read_weights,
 )
 from ...scene.landmarks import set_landmark
-from .name_matching import COPY
 
 # Maximum spread of a vertex group that marks a point: standard deviation over the square root of the mesh's area.
 MAX_SPREAD = 0.1

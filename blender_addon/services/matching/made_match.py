@@ -19,9 +19,9 @@ from ...scene.pair import find_mesh, writing
 from ...storage import stored_match
 from ...storage.stored_match import Match
 from ...translations import translated
-from ..constraints import match_pair, settings_to_store
 from .cached_results import cache_made_match, last_made_match
 from .candidates import store_match
+from .pair_match import match_pair, settings_to_store
 
 # How a script uses a match anyway; other callers give their own sentence.
 CALL_WITH_FORCE = "To use this match anyway, call the function with force=True."

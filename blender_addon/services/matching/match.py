@@ -20,10 +20,10 @@ from ...mesh_data import ObjectPair
 from ...scene.pair import name_of, read_pair, writing
 from ...storage import stored_match
 from ...viewport import preview
-from ..constraints import match_pair, settings_to_store
 from . import previews
 from .bone_match import correct_match
 from .candidates import store_match
+from .pair_match import match_pair, settings_to_store
 from .redo_match import read_mask, redone_match, valid_match
 
 NOTHING_KEPT = "There was no match to keep, so the whole target was matched, not only the Redo Only group."

@@ -245,9 +245,9 @@ def of_binding(obj: Object) -> Preview:
     return made if stretched.any() else replace(made, legend=preview.NOTHING_STRETCHES)
 
 
-def of_asymmetry(obj: Object, values: Floats, most: float, legend: str) -> Preview:
-    """The preview of the asymmetry of an object's mesh, from values (n,); red means `most` and above."""
-    return replace(_of_mesh(obj, ASYMMETRY), legend=legend).with_colors(asymmetry_colors(values, most))
+def of_asymmetry(obj: Object, values: Floats, max_value: float, legend: str) -> Preview:
+    """The preview of the asymmetry of an object's mesh, from values (n,); red means `max_value` and above."""
+    return replace(_of_mesh(obj, ASYMMETRY), legend=legend).with_colors(asymmetry_colors(values, max_value))
 
 
 def follow_symmetry(context: Context, obj: Object, show_preview: bool = False) -> None:

@@ -17,9 +17,9 @@ from ...scene.stored_pair import read_stored_match
 from ...storage import stored_candidates, stored_match
 from ...storage.stored_candidates import CandidateList
 from ...viewport import preview
-from ..constraints import match_pair
 from . import cached_results, candidates, previews
 from .bone_match import correct_match
+from .pair_match import match_pair
 
 # Fraction of the progress for matching again, if results are no longer in memory.
 MATCHING = 0.7

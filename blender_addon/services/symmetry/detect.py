@@ -21,7 +21,7 @@ from ..targets import WRITING
 from .mesh_access import writable_mesh, writing
 
 # Maximum number of stored candidates: objects such as wheels have many symmetries.
-MOST = 6
+MAX_COUNT = 6
 
 
 def detect_symmetry(context: Context, obj: Object, left: str = "X") -> tuple[zo.Symmetry, ...]:
@@ -52,7 +52,7 @@ async def detect_symmetry_async(
     if left not in AXES:
         raise ValueError(f"left is {left!r}: choose one of {', '.join(AXES)}.")
     surface = stored_symmetry.rest_surface(writable_mesh(context, name))
-    found = await compute(partial(zo.detect_symmetry, surface, most=MOST, left=AXES[left]))
+    found = await compute(partial(zo.detect_symmetry, surface, max_count=MAX_COUNT, left=AXES[left]))
     if not found:
         raise zo.MeshError("No symmetry of '{name}' was found: it may have none.", name=name)
     with stage(WRITING, 1):

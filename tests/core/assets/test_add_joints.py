@@ -17,7 +17,7 @@ from zoomout_core.assets.files import read_asset, write_asset
 from zoomout_core.assets.part_names import mask_of_parts
 from zoomout_core.assets.transfer_asset import transfer_asset
 from zoomout_core.mesh.affine_maps import blend_matrices, transform_points
-from zoomout_core.mesh.surface import MeshError
+from zoomout_core.mesh.errors import MeshError
 
 # The source is this much larger than the target.
 SIZE = 3.0

@@ -38,9 +38,10 @@ from zoomout_core.assets.transfer_asset import transfer_asset
 from zoomout_core.cli import main
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.files import read_surface
 from zoomout_core.mesh.formats.gltf_document import Document
-from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.samples.spheres import ball
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 

@@ -19,6 +19,7 @@ from zoomout_core.assets.asset import NORMALS, SHAPE_KEYS, Asset
 from zoomout_core.assets.files import read_asset, write_asset
 from zoomout_core.assets.gltf.compress import METHODS
 from zoomout_core.cli import main
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.compression.decompress_gltf import DRACO, MESHOPT
 from zoomout_core.mesh.formats.compression.draco import decode_draco
 from zoomout_core.mesh.formats.compression.meshopt_attributes import decode_attributes, encode_attributes
@@ -26,7 +27,6 @@ from zoomout_core.mesh.formats.compression.meshopt_filters import decode_filter,
 from zoomout_core.mesh.formats.compression.meshopt_indices import decode_indices, decode_triangles, encode_triangles
 from zoomout_core.mesh.formats.files import read_shape
 from zoomout_core.mesh.formats.glb import unpack_glb
-from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.input_files import FormatError
 
 TABLES = json.loads((Path(__file__).parent / "meshopt_streams.json").read_text())

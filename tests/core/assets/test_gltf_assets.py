@@ -15,9 +15,10 @@ from skinned_tubes import LENGTH, PNG, RINGS, SIDES, tube, weights_of, write_tub
 
 from zoomout_core.assets.asset import NORMALS, SHAPE_KEYS, Asset, Material, material_numbers
 from zoomout_core.assets.files import read_asset, write_asset
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.files import read_surface
 from zoomout_core.mesh.formats.gltf_document import Document
-from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import vertex_normals
 from zoomout_core.messages import is_warning
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind

@@ -18,7 +18,7 @@ from zoomout_core.assets.files import read_asset, write_asset
 from zoomout_core.assets.part_names import mask_of_parts
 from zoomout_core.assets.transfer_asset import KINDS, transfer_asset
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.mesh.surface import MeshError
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 from zoomout_core.transfer.normals import outward_normals
 

@@ -19,8 +19,9 @@ from zoomout_core.assets.files import read_asset, write_asset
 from zoomout_core.assets.gltf.move_skin import CUBIC
 from zoomout_core.assets.transfer_asset import transfer_asset
 from zoomout_core.mesh.affine_maps import blend_matrices, transform_points
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.gltf_document import VRM_0, Document
-from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.mesh.surface import Surface
 
 # The proportions of the target: longer and thinner.
 BUILD = np.array([0.8, 1.5, 0.8])

@@ -11,8 +11,9 @@ from skinned_tubes import PNG, write_tube
 
 from zoomout_core.assets.asset import Asset, Material, from_srgb, material_numbers, on_points, to_srgb
 from zoomout_core.assets.files import read_asset, write_asset
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.files import read_surface
-from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.runtime.outputs import OutputError
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 

@@ -18,7 +18,8 @@ from zoomout_core.assets.files import read_asset, write_asset
 from zoomout_core.assets.transfer_asset import transfer_asset
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.mesh.errors import MeshError
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 from zoomout_core.transfer.rigging.rest_pose import REST, correct_by_bones
 from zoomout_core.transfer.rules import map_target

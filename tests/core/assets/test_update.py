@@ -21,7 +21,7 @@ from zoomout_core.assets.lods import with_fewer_weights
 from zoomout_core.assets.stored_map import digest_of, same_triangles, stored_map_from
 from zoomout_core.assets.update_asset import changed_kinds, update_asset
 from zoomout_core.cli import main
-from zoomout_core.mesh.surface import MeshError
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.samples import character, scan
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 

@@ -21,7 +21,9 @@ from zoomout_core.assets.asset import Asset, Material, material_numbers
 from zoomout_core.assets.files import read_asset, write_asset
 from zoomout_core.assets.transfer_asset import KINDS
 from zoomout_core.cli import main
-from zoomout_core.collection import collection, tasks
+from zoomout_core.collection import run as run_module
+from zoomout_core.collection import tasks
+from zoomout_core.collection.carried import PairTransfer
 from zoomout_core.collection.carry import carry
 from zoomout_core.collection.collection import match_collection
 from zoomout_core.collection.engine import Done, InThisProcess, Task
@@ -32,8 +34,9 @@ from zoomout_core.collection.tasks import Prepared, place_of_map
 from zoomout_core.matching.options import MatchOptions
 from zoomout_core.matching.preparation import memory_cache
 from zoomout_core.matching.presets import DETAIL
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.files import write_shape
-from zoomout_core.mesh.surface import MeshError, PointCloud
+from zoomout_core.mesh.point_cloud import PointCloud
 from zoomout_core.messages import is_warning
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 
@@ -176,7 +179,7 @@ def test_wrong_map_is_replaced_and_the_choice_is_kept(
             np.zeros(kept + 1, dtype=bool),
         )
 
-    monkeypatch.setattr(collection, "load_candidate_maps", with_a_wrong_one)
+    monkeypatch.setattr(run_module, "load_candidate_maps", with_a_wrong_one)
     files = sorted(folder.glob("*.ply"))
     found = match_collection(files, tmp_path, pairs="all", options=FAST)
     assert found.agreement is not None
@@ -341,7 +344,8 @@ def test_transfer_that_was_interrupted_is_repeated(
     zo.SurfaceMap.from_vertices(np.arange(len(surface.vertices)), surface).save(tmp_path / "map.npz")
 
     def rig(move_rig: bool) -> float:
-        tasks.transfer_pair(hero, tubes[1] / "large.ply", tmp_path / "map.npz", output, ("weights",), record, move_rig)
+        paths = hero, tubes[1] / "large.ply", tmp_path / "map.npz", output
+        tasks.transfer_pair(PairTransfer(*paths, ("weights",), record, move_rig))
         return float(np.ptp(read_asset(output).surface.vertices, axis=0).max())
 
     size = rig(True)

@@ -10,7 +10,7 @@ import pytest
 
 from zoomout_core.collection.pair_map import PairName
 from zoomout_core.collection.pairs import all_pairs, pairs_of_neighbours, pairs_with_template, read_pairs
-from zoomout_core.mesh.surface import MeshError
+from zoomout_core.mesh.errors import MeshError
 
 NAMES = ["a", "b", "c", "d"]
 

@@ -13,11 +13,12 @@ from creatures import creature
 
 from zoomout_core.assets.files import read_asset
 from zoomout_core.cli import main
+from zoomout_core.collection.carried import PairTransfer
 from zoomout_core.collection.through_blender import carry_pair
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats import blender_files
 from zoomout_core.mesh.formats.blender_files import blender_command
 from zoomout_core.mesh.formats.files import read_surface, write_shape
-from zoomout_core.mesh.surface import MeshError
 
 pytestmark = pytest.mark.usefixtures("few_candidates")
 
@@ -167,7 +168,7 @@ def test_transfer_that_ends_early_has_no_record(program: Path, folder: Path, tmp
     map_file.touch()
     paths = folder / "hero.blend", folder / "naked.blend", map_file, tmp_path / "made.blend"
     with pytest.raises(MeshError, match="It is naked"):
-        carry_pair(*paths, ("uv",), record, str(program))
+        carry_pair(PairTransfer(*paths, ("uv",), record), str(program))
     assert not record.exists()
 
 

@@ -6,12 +6,8 @@ from __future__ import annotations
 import numpy as np
 from creatures import Creature
 
-from zoomout_core.geometry.closest_points import (
-    Neighbourhoods,
-    barycentric_of_closest,
-    closest_points,
-    project_to_embedding,
-)
+from zoomout_core.geometry.closest_points import barycentric_of_closest, closest_points
+from zoomout_core.geometry.embedded_surface import Neighbourhoods, project_to_embedding
 
 
 def distances(points: np.ndarray, vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:

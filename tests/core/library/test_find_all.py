@@ -18,14 +18,14 @@ import zoomout_core as zo
 from zoomout_core.assets.asset import Asset, Skin
 from zoomout_core.assets.files import read_asset, write_asset
 from zoomout_core.cli import main
-from zoomout_core.collection.carried import Carried
+from zoomout_core.collection.carried import Carried, PairTransfer
 from zoomout_core.colors import place_colors
 from zoomout_core.library import find_all as batch
 from zoomout_core.library import transfers
 from zoomout_core.library.bodies import Body, bodies_of
+from zoomout_core.library.found import FoundSource, FoundSources
 from zoomout_core.library.library import Library
 from zoomout_core.library.pictures import draw_bound, draw_colored
-from zoomout_core.library.search import FoundSource, FoundSources
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.formats.files import write_shape
 from zoomout_core.samples import creature
@@ -141,12 +141,12 @@ def test_blender_transfers_from_its_own_files(
         read.append((path, role, known))
         write_shape(zo.read_surface(library / "hero.glb" if role == "source" else path), output)
 
-    def carry_pair(source: Path, target: Path, map_file: Path, output: Path, *rest: object) -> Carried:
-        assert (source, target) == (best.path, scans / "scan.ply")
-        zo.SurfaceMap.load(map_file, zo.read_surface(library / "hero.glb"))
-        assert rest[-1] is moves
-        output.parent.mkdir(parents=True)
-        output.write_text("written by Blender")
+    def carry_pair(transfer: PairTransfer, program: str | None) -> Carried:
+        assert (transfer.source, transfer.target, program) == (best.path, scans / "scan.ply", None)
+        zo.SurfaceMap.load(transfer.map_file, zo.read_surface(library / "hero.glb"))
+        assert transfer.move_rig is moves
+        transfer.output.parent.mkdir(parents=True)
+        transfer.output.write_text("written by Blender")
         return Carried(("Blender said this.",))
 
     drawn: list[np.ndarray] = []

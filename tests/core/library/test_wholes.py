@@ -15,8 +15,8 @@ from transfer_meshes import sphere
 import zoomout_core as zo
 from zoomout_core.library import search as search_module
 from zoomout_core.library import wholes as wholes_module
-from zoomout_core.library.bodies import MAIN_PART, Body, analyse_body, bodies_of
-from zoomout_core.library.search import LibraryAsset, search
+from zoomout_core.library.bodies import MAIN_PART, Body, LibraryAsset, analyse_body, bodies_of
+from zoomout_core.library.search import search
 from zoomout_core.library.surroundings import FEATURES, SURROUNDINGS, PartSurroundings, surroundings_of
 from zoomout_core.library.wholes import WHOLES, FoundWhole, find_wholes
 from zoomout_core.matching.partial.incomplete_shape import at_scale

@@ -12,7 +12,8 @@ from creatures import Creature, creature
 
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.maps.surface_map import SurfaceMap, read_vertex_map
-from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.mesh.errors import MeshError
+from zoomout_core.mesh.surface import Surface
 
 
 @pytest.fixture(scope="module")

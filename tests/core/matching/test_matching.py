@@ -14,9 +14,10 @@ import zoomout_core as zo
 from zoomout_core.matching import pipeline
 from zoomout_core.matching.hypotheses import collect
 from zoomout_core.matching.ranking import rank as ranking
-from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.mesh.errors import MeshError
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.runtime.progress import Outlines
-from zoomout_core.spectral import eigenbasis
+from zoomout_core.spectral import lanczos
 
 # Limit of the mean geodesic error over sqrt(area) for a right map of the bent creature; flips exceed it tenfold.
 RIGHT = 0.03
@@ -454,7 +455,7 @@ def test_memory_error_is_reported_in_one_sentence(monkeypatch: pytest.MonkeyPatc
     def without_memory(matrix: object) -> None:
         raise MemoryError
 
-    monkeypatch.setattr(eigenbasis, "factorise", without_memory)
+    monkeypatch.setattr(lanczos, "factorise", without_memory)
     fine = creature(3000).surface
     zo.forget_shapes()
     with pytest.raises(MeshError, match="not enough memory to analyze a mesh of 3,000 vertices: match a smaller"):

@@ -73,8 +73,8 @@ def test_flags_keep_their_names_and_defaults() -> None:
         "--partial": "auto",
         "--detail": "balanced",
         "--seed": 0,
-        "--most-distance": 0.08,
-        "--most-angle": 30.0,
+        "--max-distance": 0.08,
+        "--max-angle": 30.0,
         "--either-side": False,
     }
     context = click.Context(match)

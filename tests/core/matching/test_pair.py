@@ -21,7 +21,8 @@ from zoomout_core.matching.pair import (
     positions_of_part,
 )
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis, analyse
-from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.mesh.errors import MeshError
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_normals
 
 pytestmark = pytest.mark.usefixtures("quick_search")

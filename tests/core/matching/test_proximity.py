@@ -59,7 +59,7 @@ def weights_error(
 def test_wide_clothes_get_better_weights_than_by_nearest_points(region: Region, bend: float) -> None:
     outfit = wearing(region, 0.2, bend)
     ours = weights_error(*outfit)
-    nearest = weights_error(*outfit, most_distance=10, most_angle=180)
+    nearest = weights_error(*outfit, max_distance=10, max_angle=180)
     assert ours.mean() < 0.9 * nearest.mean()
     assert np.quantile(ours, 0.99) < np.quantile(nearest, 0.99)
 
@@ -103,7 +103,7 @@ def test_trousers_between_the_thighs_belong_to_their_own_leg(inside_out: bool) -
     cloth, of_left = legs(1.17)
     if inside_out:  # open cloth may be wound either way
         cloth = zo.Surface(cloth.vertices, cloth.corner_vertex.reshape(-1, 4)[:, ::-1])
-    alone = left_leg_weights(body, left, cloth, most_angle=180)
+    alone = left_leg_weights(body, left, cloth, max_angle=180)
     assert (np.abs(alone - of_left) > 0.5).mean() > 0.02
     np.testing.assert_allclose(left_leg_weights(body, left, cloth), of_left, atol=1e-6)
 
@@ -142,7 +142,7 @@ def test_cloth_in_a_bowl_is_oriented_like_the_bowl_but_not_a_ball(winding: int) 
     ball[:, 2] -= 0.78
     both = np.vstack([[[np.nan] * 3], cloth, ball, [[0.0, 0, 9]]])
     result = zo.match_by_proximity(
-        BOWL, zo.Surface(both, np.vstack([faces[:, ::winding] + 1, around + 1 + len(cloth)])), most_distance=0.05
+        BOWL, zo.Surface(both, np.vstack([faces[:, ::winding] + 1, around + 1 + len(cloth)])), max_distance=0.05
     )
     of_cloth, of_ball = np.split(result.confidence[1:-1], [len(cloth)])
     lies = np.abs(np.linalg.norm(cloth, axis=1) - 0.87) < 1e-9
@@ -160,12 +160,12 @@ def test_outer_side_of_a_cloth_is_decided_by_area(winding: int) -> None:
     assert (confidence[8 * 40 :] == 0).all()
 
 
-def test_most_angle_applies_after_a_cloth_is_flipped() -> None:
+def test_max_angle_applies_after_a_cloth_is_flipped() -> None:
     cloth, faces = revolve(arc(0.5, 0.2, 1.2, 30))
     lowered = cloth + np.array([0, 0, -0.37])
     outwards = lowered / np.linalg.norm(lowered, axis=1, keepdims=True)
     angle = np.degrees(np.arccos(np.einsum("ij,ij->i", outwards, cloth / 0.5)))
-    confidence = zo.match_by_proximity(BOWL, zo.Surface(lowered, faces), most_distance=1.0, most_angle=15).confidence
+    confidence = zo.match_by_proximity(BOWL, zo.Surface(lowered, faces), max_distance=1.0, max_angle=15).confidence
     clear = np.abs(angle - 15) > 3
     assert 0 < confidence[clear].mean() < 1
     np.testing.assert_array_equal(confidence[clear], angle[clear] < 15)
@@ -175,7 +175,7 @@ def test_most_angle_applies_after_a_cloth_is_flipped() -> None:
 def test_smallest_and_largest_angle_are_accepted(angle: float) -> None:
     square = zo.Surface([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2, 3]])
     above = square.with_vertices(square.vertices + np.array([0, 0, 0.01]))
-    assert zo.match_by_proximity(square, above, most_angle=angle).has_partner.all()
+    assert zo.match_by_proximity(square, above, max_angle=angle).has_partner.all()
 
 
 def test_progress_rises_and_does_not_change_the_result() -> None:
@@ -231,11 +231,11 @@ def test_unused_vertices_are_mapped_without_confidence() -> None:
 def test_invalid_thresholds_and_distant_clothes_are_refused() -> None:
     body, _ = legs(1.0)
     for distance in (0, -1, np.nan, np.inf):
-        with pytest.raises(ValueError, match="most_distance is"):
-            zo.match_by_proximity(body, body, most_distance=distance)
+        with pytest.raises(ValueError, match="max_distance is"):
+            zo.match_by_proximity(body, body, max_distance=distance)
     for angle in (-1, 181, np.nan):
-        with pytest.raises(ValueError, match="most_angle is"):
-            zo.match_by_proximity(body, body, most_angle=angle)
+        with pytest.raises(ValueError, match="max_angle is"):
+            zo.match_by_proximity(body, body, max_angle=angle)
     away = zo.Surface(body.vertices + 100, body.corner_vertex.reshape(-1, 4))
     with pytest.raises(zo.MeshError, match="No part of the target is near the source"):
         zo.match_by_proximity(body, away)

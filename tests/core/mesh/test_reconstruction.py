@@ -8,9 +8,11 @@ import pytest
 from creatures import Creature, directions
 from scipy.spatial import ConvexHull, Delaunay
 
+from zoomout_core.mesh.errors import MeshError
+from zoomout_core.mesh.point_cloud import PointCloud
 from zoomout_core.mesh.reconstruction import _hull_corners, _manifold, triangulate_points
 from zoomout_core.mesh.shapes import as_surface
-from zoomout_core.mesh.surface import MeshError, PointCloud, Surface
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_normals, unique_edges
 
 

@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 from creatures import Creature
 
-from zoomout_core.mesh.surface import MeshError, PointCloud, Surface
+from zoomout_core.mesh.errors import MeshError
+from zoomout_core.mesh.point_cloud import PointCloud
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_areas, triangle_normals
 
 SQUARE = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])

@@ -9,6 +9,10 @@ import numpy as np
 import pytest
 
 from zoomout_core.mesh.triangles import (
+    TRIANGLES,
+    area_normals,
+    at_all,
+    at_any,
     border_edges,
     edge_graph,
     edge_lengths,
@@ -59,6 +63,26 @@ def test_areas_and_normals_of_a_corner() -> None:
     flat = np.array([[0, 1, 1]])
     assert (triangle_normals(CORNER, flat) == 0).all()
     assert (vertex_normals(CORNER, TETRAHEDRON[:1])[3] == 0).all()
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_normals_of_more_than_one_block_are_cross_products(dtype: type) -> None:
+    random = np.random.default_rng(0)
+    vertices = random.standard_normal((100, 3)).astype(dtype)
+    triangles = random.integers(0, 100, (TRIANGLES + 5, 3))
+    a, b, c = (vertices[corner] for corner in triangles.T)
+    found = area_normals(vertices, triangles)
+    assert found.dtype == dtype
+    np.testing.assert_allclose(found, np.cross(b - a, c - a), atol=1e-5)
+
+
+def test_triangles_and_edges_at_vertices_are_found() -> None:
+    chosen = np.array([True, True, True, False])
+    assert at_all(chosen, TETRAHEDRON).tolist() == [True, False, False, False]
+    assert at_any(~chosen, TETRAHEDRON).tolist() == [False, True, True, True]
+    edges = np.array([[0, 1], [0, 3]])
+    assert at_all(chosen, edges).tolist() == [True, False]
+    assert at_any(chosen, edges).tolist() == [True, True]
 
 
 @pytest.mark.parametrize("first", range(4))

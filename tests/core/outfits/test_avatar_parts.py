@@ -12,7 +12,7 @@ import pytest
 from zoomout_core.assets.asset import MATERIALS
 from zoomout_core.assets.files import read_asset
 from zoomout_core.assets.stored_map import StoredMap
-from zoomout_core.mesh.surface import MeshError
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.outfits.parts import hair_objects, is_hair, keep_faces, split_avatar
 
 

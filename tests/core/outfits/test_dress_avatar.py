@@ -113,8 +113,8 @@ def test_clothes_are_bound_to_the_joints_of_the_avatar(
     assert parts.worn is not None
     assert parts.worn.skin is not None
     assert skin.names == ("J_Hips", "J_Spine", "J_Head", *CHAIN)
-    # The joints have the same order here, and the bodies the same weights.
-    assert abs(skin.weights - parts.worn.skin.weights).sum(axis=1).mean() < 0.01
+    # The joints have the same order here, and the bodies the same weights. Close cloth gets those of the skin.
+    assert abs(skin.weights - parts.worn.skin.weights).sum(axis=1).mean() < 0.02
     own = skin.weights[:, 3:]
     assert abs(own - parts.worn.skin.weights[:, 3:]).max() < 1e-6
     assert target.document is not None

@@ -17,7 +17,7 @@ from zoomout_core.collection.collection import CollectionResult
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.report.verdict import Verdict
-from zoomout_core.outfits import batch
+from zoomout_core.outfits import joint_match
 from zoomout_core.outfits.gltf_files import GltfFiles
 from zoomout_core.transfer.rigging.joint_map import RiggedBody
 
@@ -87,7 +87,7 @@ class ContradictingJoints(NamedTuple):
 def test_joints_match_bodies_unless_their_shapes_do(
     level: str, dolls: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(batch, "SharedJoints", ContradictingJoints)
+    monkeypatch.setattr(joint_match, "SharedJoints", ContradictingJoints)
     monkeypatch.setattr(CollectionResult, "verdict", lambda *_: Verdict(level, "By shape.", ""))
     done = run(dolls / "dressed.glb", dolls / "naked.glb", "-o", tmp_path / "out", "--json")
     (row,) = json.loads(done.stdout)["outfits"]

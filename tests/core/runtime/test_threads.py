@@ -196,8 +196,8 @@ def test_error_reaches_the_caller_at_once_and_stops_the_others(
     assert other.stopped.wait(timeout=LONG)
 
 
-@pytest.mark.parametrize(("count", "most"), [(1, 1), (2, 3)])
-def test_no_items_start_after_an_error(count: int, most: int) -> None:
+@pytest.mark.parametrize(("count", "max_count"), [(1, 1), (2, 3)])
+def test_no_items_start_after_an_error(count: int, max_count: int) -> None:
     begun: list[int] = []
     raised = threading.Event()
 
@@ -212,7 +212,7 @@ def test_no_items_start_after_an_error(count: int, most: int) -> None:
         for_each(work, range(6))
     raised.set()
     time.sleep(0.02)
-    assert 1 <= len(begun) <= most
+    assert 1 <= len(begun) <= max_count
 
 
 @pytest.mark.parametrize("count", [1, 2])

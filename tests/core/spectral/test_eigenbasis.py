@@ -12,9 +12,13 @@ from scipy.spatial import ConvexHull
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import zoomout_core as zo
-from zoomout_core.mesh.surface import MeshError, PointCloud, Surface
+from zoomout_core.mesh.errors import MeshError
+from zoomout_core.mesh.point_cloud import PointCloud
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.spectral import eigenbasis as module
-from zoomout_core.spectral.eigenbasis import _is_complete, eigenbasis, eigenpairs
+from zoomout_core.spectral import lanczos
+from zoomout_core.spectral.eigenbasis import eigenbasis
+from zoomout_core.spectral.lanczos import _is_complete, eigenpairs
 from zoomout_core.spectral.laplacian import mesh_laplacian
 
 
@@ -139,7 +143,7 @@ def test_iteration_continues_until_the_spectrum_is_complete(resting: Creature, m
     stiffness, areas = mesh_laplacian(working.vertices, working.triangles)
     expected = eigenbasis(resting.surface, 60).eigenvalues
     answers = iter([False, False, True])
-    monkeypatch.setattr(module, "_is_complete", lambda *_: next(answers))
+    monkeypatch.setattr(lanczos, "_is_complete", lambda *_: next(answers))
     values, _ = eigenpairs(stiffness, areas, 60)
     assert next(answers, None) is None
     np.testing.assert_allclose(values, expected, rtol=1e-5, atol=1e-5)
@@ -149,14 +153,14 @@ def test_out_of_memory_falls_back_to_a_coarser_mesh(
     resting: Creature, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     exact = eigenbasis(resting.surface, 30)
-    factorised = module.factorise
+    factorised = lanczos.factorise
 
     def with_little_memory(matrix: csc_array) -> SuperLU:
         if matrix.shape[0] > 2500:
             raise MemoryError
         return factorised(matrix)
 
-    monkeypatch.setattr(module, "factorise", with_little_memory)
+    monkeypatch.setattr(lanczos, "factorise", with_little_memory)
     monkeypatch.setattr(module, "COARSE_VERTICES", 2000)
     basis = eigenbasis(resting.surface, 30)
     assert "not enough memory" in caplog.text
@@ -179,8 +183,8 @@ def test_results_do_not_depend_on_the_number_of_threads(
     resting: Creature, count: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Results are bitwise equal, with thresholds lowered so that several threads share these short vectors."""
-    monkeypatch.setattr(module, "MIN_THREADED_VERTICES", 100)
-    monkeypatch.setattr(module, "MIN_SPARSE_VERTICES", 200)
+    monkeypatch.setattr(lanczos, "MIN_THREADED_VERTICES", 100)
+    monkeypatch.setattr(lanczos, "MIN_SPARSE_VERTICES", 200)
 
     def basis(threads: int) -> np.ndarray:
         zo.set_threads(threads)

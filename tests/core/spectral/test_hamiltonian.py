@@ -11,7 +11,7 @@ from scipy.sparse.linalg import SuperLU
 from scipy.spatial import ConvexHull
 
 import zoomout_core as zo
-from zoomout_core.spectral import eigenbasis
+from zoomout_core.spectral import eigenbasis, lanczos
 
 # Eigenvalues of a hemisphere whose sphere has unit area, for functions that vanish on the equator: l of degree l.
 DEGREE = np.repeat([1, 2, 3], [1, 2, 3])
@@ -64,14 +64,14 @@ def test_out_of_memory_falls_back_to_a_coarser_mesh(
 ) -> None:
     beyond = resting.directions[:, 0] < 0.1
     exact = zo.hamiltonian_basis(resting.surface, beyond, 30)
-    factorised = eigenbasis.factorise
+    factorised = lanczos.factorise
 
     def with_little_memory(matrix: csc_array) -> SuperLU:
         if matrix.shape[0] > 2500:
             raise MemoryError
         return factorised(matrix)
 
-    monkeypatch.setattr(eigenbasis, "factorise", with_little_memory)
+    monkeypatch.setattr(lanczos, "factorise", with_little_memory)
     monkeypatch.setattr(eigenbasis, "COARSE_VERTICES", 2000)
     basis = zo.hamiltonian_basis(resting.surface, beyond, 30)
     assert "not enough memory" in caplog.text

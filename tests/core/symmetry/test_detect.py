@@ -116,7 +116,7 @@ def test_three_symmetries_of_a_vase_rank_first() -> None:
 )
 def test_all_rotations_and_reflections_are_found(figure: Figure, orders: list[int]) -> None:
     made = shape(figure, 2000, seed=1)
-    found = zo.detect_symmetry(made.surface, most=20)
+    found = zo.detect_symmetry(made.surface, max_count=20)
     assert sorted(symmetry.order for symmetry in found[: len(orders)]) == orders
     turns = [rigid_part(symmetry, made) for symmetry in found[: len(orders)]]
     assert max(off for _, off in turns) < 0.015
@@ -206,7 +206,7 @@ def test_detection_reports_progress_and_can_be_cancelled(bent: Creature) -> None
         zo.detect_symmetry(creature(1000, seed=2).surface, progress=cancel)
 
 
-@pytest.mark.parametrize("wrong", [{"most": 0}, {"left": (0, 0, 0)}, {"left": (1, 0)}, {"k_final": 1}])
+@pytest.mark.parametrize("wrong", [{"max_count": 0}, {"left": (0, 0, 0)}, {"left": (1, 0)}, {"k_final": 1}])
 def test_invalid_options_are_refused(bent: Creature, wrong: dict) -> None:
     with pytest.raises(ValueError, match=next(iter(wrong))):
         zo.detect_symmetry(bent.surface, **wrong)

@@ -12,7 +12,8 @@ from butterfly import MIRROR, grid, mirrored_vertex
 from creatures import directions
 from scipy.spatial import cKDTree
 
-from zoomout_core.geometry.closest_points import Neighbourhoods, closest_points
+from zoomout_core.geometry.closest_points import closest_points
+from zoomout_core.geometry.embedded_surface import Neighbourhoods
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 from zoomout_core.mesh.surface import Surface

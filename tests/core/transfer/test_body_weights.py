@@ -44,6 +44,20 @@ def test_cloth_bound_unlike_the_skin_keeps_its_weights() -> None:
     np.testing.assert_allclose(follow(SHIRT, csr_array(given)), given, atol=1e-9)
 
 
+def test_cloth_close_to_the_skin_gets_its_weights() -> None:
+    """Loose cloth keeps the difference, and so does cloth that moves unlike the skin."""
+    body, loose = WeightedBody(BODY, bend(BODY.vertices, 0.0)), SHIRT.with_vertices(1.2 * SHIRT.vertices)
+    given, stiff = bend(SHIRT.vertices, 0.15), csr_array(np.tile([0, 0, 0.5, 0.5], (len(SHIRT.vertices), 1)))
+    worn = [SHIRT, loose, SHIRT]
+    close, far, unlike = (
+        found.toarray()
+        for found in follow_weights(body, body, worn, [each.vertices for each in worn], [given, given, stiff])
+    )
+    np.testing.assert_allclose(far, given.toarray(), atol=1e-4)
+    np.testing.assert_allclose(unlike, stiff.toarray(), atol=1e-4)
+    assert np.abs(close - bend(SHIRT.vertices, 0.0)).mean() < 0.1 * np.abs(given - bend(SHIRT.vertices, 0.0)).mean()
+
+
 def test_masked_vertices_keep_their_weights() -> None:
     given, mask = bend(SHIRT.vertices, 0.0), (SHIRT.vertices[:, 0] > 0.5) * 1.0
     before, after = (WeightedBody(BODY, bend(BODY.vertices, height)) for height in (0.0, 0.3))

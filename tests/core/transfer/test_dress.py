@@ -9,7 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from zoomout_core.geometry.procrustes import procrustes
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.mesh.errors import MeshError
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import edge_lengths, unique_edges
 from zoomout_core.runtime.progress import Progress
 from zoomout_core.samples.spheres import ball

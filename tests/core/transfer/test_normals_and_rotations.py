@@ -139,6 +139,38 @@ def test_normals_keep_the_hard_edges_of_the_source() -> None:
     assert degrees(result, own.repeat(3, axis=0)).max() < 0.01
 
 
+def shaded_flat(surface: Surface) -> np.ndarray:
+    """(c, 3) the normals of the corners' triangles."""
+    return triangle_normals(surface.vertices, surface.triangles).repeat(3, axis=0)
+
+
+def test_coarse_targets_of_a_source_that_is_shaded_flat_have_no_streaks() -> None:
+    """Without the rule, 30 % of the normals are far from their face. Faces within one of the source keep its normal."""
+    source, target = creature(100).surface, creature(60, seed=5).surface
+    surface_map = map_of(creature(100), creature(60, seed=5))
+    result = transfer_values(shaded_flat(source), Kind.NORMAL, surface_map, source, target)
+    tilt = degrees(result, shaded_flat(target))
+    assert (tilt > 30.1).mean() < 0.05
+    assert (tilt > 1).mean() > 0.5
+
+
+def test_coarse_targets_of_a_smooth_source_stay_smooth() -> None:
+    source, target = creature(3000).surface, creature(300, seed=5).surface
+    surface_map = map_of(creature(3000), creature(300, seed=5))
+    smooth = normals_of(source)
+    result = transfer_values(smooth[source.corner_vertex], Kind.NORMAL, surface_map, source, target)
+    assert degrees(result, shaded_flat(target)).max() > 40
+    first = np.unique(target.corner_vertex, return_index=True)[1]
+    assert degrees(result, result[first[target.corner_vertex]]).mean() < 5
+
+
+def test_fine_targets_keep_the_facets_of_a_source_that_is_shaded_flat() -> None:
+    source, target = creature(300).surface, creature(6000, seed=5).surface
+    surface_map = map_of(creature(300), creature(6000, seed=5))
+    result = transfer_values(shaded_flat(source), Kind.NORMAL, surface_map, source, target)
+    assert (degrees(result, shaded_flat(target)) > 30.1).mean() > 0.02
+
+
 def test_normals_stay_above_the_surface_unless_below_on_the_source() -> None:
     source, target = creature(3000), creature(3000, seed=5, bend=BEND)
     up = np.tile([0.0, 0, 1], (len(source.surface.vertices), 1))

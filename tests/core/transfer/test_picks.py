@@ -81,3 +81,10 @@ def test_kinds_with_other_rules_have_no_picks() -> None:
 def test_uvs_clipped_at_a_tile_are_not_mixtures() -> None:
     found = find_mixtures(Attribute("UVMap", Domain.CORNER, Kind.UV, UV))
     assert 0.9 < found.mean() < 1
+
+
+def test_picks_of_a_corner_with_an_unknown_uv_are_not_mixtures() -> None:
+    values = UV / 2 + 0.2
+    values[100] = np.nan
+    mixed = find_mixtures(Attribute("UVMap", Domain.CORNER, Kind.UV, values))
+    assert 0.9 < mixed.mean() < 1

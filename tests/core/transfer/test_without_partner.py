@@ -12,7 +12,8 @@ from scipy.sparse import csr_array
 from transfer_meshes import Sheet, sheet, torus
 
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.mesh.errors import MeshError
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.transfer import Attribute, Blend, Domain, Kind, map_target, transfer
 from zoomout_core.transfer.blend import blend
 from zoomout_core.transfer.continuation import extrapolate_map

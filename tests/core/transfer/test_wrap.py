@@ -12,14 +12,15 @@ from scipy.spatial.transform import Rotation
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.geometry.procrustes import procrustes
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.mesh.errors import MeshError
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import area_normals, triangle_areas, triangle_normals
 from zoomout_core.runtime.progress import Cancelled, Progress
 from zoomout_core.samples.spheres import ball
 from zoomout_core.transfer import Wrapped, reverse_match, wrap
 from zoomout_core.transfer.wrapping.fit import FIT
 from zoomout_core.transfer.wrapping.projections import PROJECTION
-from zoomout_core.transfer.wrapping.unfold import UNFOLD
+from zoomout_core.transfer.wrapping.unfold import UNFOLD, Unfolding
 from zoomout_core.tuning import retune
 
 TURN = Rotation.from_rotvec([0.4, -1.1, 0.7])
@@ -162,6 +163,16 @@ def test_flipped_faces_are_unfolded(noisy: SurfaceMap, source: Surface, target: 
     assert "folded over" in folded.notes[-1]
     assert inwards(folded.vertices, target) > 0
     assert wrap(noisy, source, target, smoothness=0.0).turned_over == 0
+
+
+def test_unfolding_checks_all_triangles_that_move(
+    noisy: SurfaceMap, source: Surface, target: Surface, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = wrap(noisy, source, target, smoothness=0.0)
+    every = np.arange(len(target.triangles))
+    monkeypatch.setattr(Unfolding, "_triangles_at", lambda self, vertices: every)
+    checked = wrap(noisy, source, target, smoothness=0.0)
+    np.testing.assert_array_equal(found.vertices, checked.vertices)
 
 
 def test_nearly_collapsed_faces_are_widened(noisy: SurfaceMap, source: Surface, target: Surface) -> None:

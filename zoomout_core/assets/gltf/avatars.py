@@ -13,7 +13,7 @@ from typing import Any
 from zoomout_core.mesh.formats.gltf_document import VRM_0, VRM_1, Document
 
 SPRINGS = "VRMC_springBone"
-# Terms of the licence. Version 1 has values for what a file leaves out.
+# Terms of the licence. Version 1 has values for missing terms.
 TERMS_0 = (
     "licenseName",
     "allowedUserName",

@@ -201,7 +201,7 @@ def _rebind(
 
     Args:
         expression: the expression, whose lists of binds are replaced.
-        lists: for each list, what a bind becomes: nothing if it is gone, several if its mesh became several.
+        lists: for each list, the new binds of a bind: none if it is gone, several if its mesh became several.
         name: name of the expression.
         change: what changed in the document.
     """
@@ -252,7 +252,7 @@ def _keep_annotations(
     Args:
         tree: the extension.
         what: the name of the number in an annotation.
-        rows: what a number became.
+        rows: the new number of each row.
         automatic: the name of the choice in an annotation, and its value for a choice by the bones.
     """
     view = object_at(tree, "firstPerson")

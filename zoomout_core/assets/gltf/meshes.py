@@ -44,7 +44,7 @@ class Renumbering:
 def write_meshes(
     made: GLTF2, asset: Asset, look: Document | None, buffer: Buffer, name: str
 ) -> tuple[Renumbering, tuple[str, ...]]:
-    """Write the surface of an asset; returns the new numbers of what its document refers to, and notes.
+    """Write the surface of an asset; returns the new numbers of rows that its document refers to, and notes.
 
     Args:
         made: the document to write, with the nodes, meshes and skins of the asset's document.

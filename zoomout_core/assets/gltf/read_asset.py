@@ -22,12 +22,12 @@ from zoomout_core.assets.asset import (
     material_numbers,
     to_rest,
 )
-from zoomout_core.assets.gltf.compress import QUANTIZED
+from zoomout_core.assets.gltf.compress_meshopt import QUANTIZED
 from zoomout_core.assets.stored_map import StoredMap, stored_map_from
 from zoomout_core.mesh.affine_maps import normalise
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.gltf_document import INSTANCES, PLACE, STORED_MAP, Document
 from zoomout_core.mesh.formats.gltf_scene import FAN, STRIP, TRIANGLES, GltfMesh, Skeleton, read_scene, sparse_weights
-from zoomout_core.mesh.surface import MeshError
 from zoomout_core.mesh.triangles import unit_vectors
 from zoomout_core.messages import warning
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind

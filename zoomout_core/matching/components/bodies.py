@@ -13,7 +13,8 @@ from zoomout_core.arrays import Floats
 from zoomout_core.matching.components.hulls import main_part_coverage, shares_of_outside
 from zoomout_core.matching.components.main_parts import main_parts
 from zoomout_core.matching.preparation.memory_cache import cached_hull
-from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.mesh.errors import MeshError
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.runtime.progress import portion
 from zoomout_core.runtime.threads import for_each

@@ -10,7 +10,8 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from zoomout_core.arrays import Booleans, Floats, Integers
-from zoomout_core.geometry.closest_points import Neighbourhoods, closest_points, project_to_embedding
+from zoomout_core.geometry.closest_points import closest_points
+from zoomout_core.geometry.embedded_surface import Neighbourhoods, project_to_embedding
 from zoomout_core.geometry.procrustes import Moments, products
 from zoomout_core.maps.nearest import nearest
 from zoomout_core.maps.surface_map import SurfaceMap
@@ -97,8 +98,8 @@ def _is_visible(part: Part, pair: Pair, source: Side) -> bool:
 
 def _onto_fused(fused: FusedPart, part: Part, source: Side) -> Image:
     """The image on a part of the vertices of the target that show it."""
-    most = PARTNER_CONFIDENCE / (1 + (fused.residual / HALF_CONFIDENCE_MISFIT) ** 2)
-    return _onto(fused.vertices, part.size, fused.points, fused.normals, [part], source, most)[0]
+    max_confidence = PARTNER_CONFIDENCE / (1 + (fused.residual / HALF_CONFIDENCE_MISFIT) ** 2)
+    return _onto(fused.vertices, part.size, fused.points, fused.normals, [part], source, max_confidence)[0]
 
 
 def _map_parts(
@@ -201,8 +202,10 @@ def _onto_pieces(
         return None
     onto = [theirs[j] for j in pieces]
     if pieces == [partner]:
-        most = PARTNER_CONFIDENCE / (1 + (float(misfit[pieces[0]]) / HALF_CONFIDENCE_MISFIT) ** 2)
-        return _onto(part.vertices, part.size, _correct_towards(part, onto[0]), normals, onto, source, most)[0]
+        max_confidence = PARTNER_CONFIDENCE / (1 + (float(misfit[pieces[0]]) / HALF_CONFIDENCE_MISFIT) ** 2)
+        return _onto(part.vertices, part.size, _correct_towards(part, onto[0]), normals, onto, source, max_confidence)[
+            0
+        ]
     image, residual = _onto(part.vertices, part.size, part.points, normals, onto, source, OTHER_PART_CONFIDENCE)
     return image if partner is not None or _fits(part, residual) else None
 
@@ -224,12 +227,12 @@ def _onto(
     normals: Floats,
     pieces: Sequence[Part],
     source: Side,
-    most: float,
+    max_confidence: float,
 ) -> tuple[Image, Floats]:
     """The closest points of some pieces of the source, in place and normal, and (n,) the distances to them.
 
     The part's vertices (n,) have the places `points` (n, 3) and the normals `normals` (n, 3) on the source. An exact
-    fit has confidence `most`.
+    fit has confidence `max_confidence`.
     """
     first = np.cumsum([0] + [len(piece.vertices) for piece in pieces])
     positions = np.concatenate([piece.points for piece in pieces])
@@ -247,7 +250,7 @@ def _onto(
     )
     residual = np.linalg.norm(np.einsum("nc,ncx->nx", barycentric, positions[corners[triangle]]) - points, axis=1)
     of_source = np.concatenate([piece.triangles for piece in pieces])[triangle]
-    return Image(vertices, of_source, barycentric, _confidence(most, residual)), residual
+    return Image(vertices, of_source, barycentric, _confidence(max_confidence, residual)), residual
 
 
 def _onto_all(parts: Sequence[Part], source: Side) -> list[Image]:
@@ -273,9 +276,9 @@ def _fits(part: Part, residual: Floats) -> bool:
     return float(np.sqrt(part.weights @ residual**2)) <= SAME_PLACE_DISTANCE * (part.size + BODY_MAP_ERROR)
 
 
-def _confidence(most: float, residual: Floats) -> Floats:
+def _confidence(max_confidence: float, residual: Floats) -> Floats:
     """(n,) factor of the confidence in an image at distances (n,)."""
-    return np.asarray(most / (1 + (residual / BODY_MAP_ERROR) ** 2))
+    return np.asarray(max_confidence / (1 + (residual / BODY_MAP_ERROR) ** 2))
 
 
 def _beside_body(image: Image, around: Floats) -> Image:

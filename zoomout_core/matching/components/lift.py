@@ -19,8 +19,9 @@ from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 from zoomout_core.matching.preparation.proxy import Proxy
 from zoomout_core.matching.refinement.confidence import Partners
 from zoomout_core.matching.registration.nonrigid_icp import Fit, lift_fit, replace_images
-from zoomout_core.mesh.surface import Surface, measurable
-from zoomout_core.mesh.triangles import triangle_areas
+from zoomout_core.mesh.input_checks import measurable
+from zoomout_core.mesh.surface import Surface
+from zoomout_core.mesh.triangles import at_any, triangle_areas
 from zoomout_core.messages import message, plural
 
 PAIRED_SHELLS = "{paired} of {count} parts matched to their partners by position, size and shape{others}."
@@ -66,7 +67,7 @@ def lift(pair: Pair, fit: Fit, confidence: Floats, partners: Partners) -> Lifted
     loose = map_components(pair, between_parts, confidence)
     whole, confidence, on_body, placed = _join(pair, between_parts, target.place.interpolate(confidence), loose)
     areas = triangle_areas(pair.target.vertices, pair.target.triangles)
-    share = float(areas[(on_body | placed)[pair.target.triangles].any(axis=1)].sum() / areas.sum())
+    share = float(areas[at_any(on_body | placed, pair.target.triangles)].sum() / areas.sum())
     alone = (pair.target.working.vertex_of >= 0) & ~on_body & ~placed
     left = np.isin(pair.source.working.vertex_of, loose.left_vertices)
     both = Partners(_on_surface(target, partners.target, ~alone), _on_surface(source, partners.source, ~left))

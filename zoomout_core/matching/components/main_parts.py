@@ -7,7 +7,8 @@ import numpy as np
 
 from zoomout_core.arrays import Floats
 from zoomout_core.matching.preparation.proxy import make_proxy
-from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.mesh.errors import MeshError
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_areas
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.runtime.progress import portion

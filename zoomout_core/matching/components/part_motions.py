@@ -217,8 +217,8 @@ def _divide(vertex: Integers, part: Integers, points: Floats, motion: Similarity
     return vertex[order], np.unique(piece[order], return_inverse=True)[1]
 
 
-def _choose_samples(part: Integers, points: Floats, usable: Integers, count: int, most: int) -> Integers:
-    """Choose at most `most` usable vertices of each part (n,), by part, and none of parts with few.
+def _choose_samples(part: Integers, points: Floats, usable: Integers, count: int, max_count: int) -> Integers:
+    """Choose at most `max_count` usable vertices of each part (n,), by part, and none of parts with few.
 
     They are evenly spread over the distances from the part's centre, in any order of vertices.
     """
@@ -229,7 +229,7 @@ def _choose_samples(part: Integers, points: Floats, usable: Integers, count: int
     order = np.lexsort((away, of))
     first = np.concatenate([[0], np.cumsum(size)])
     chosen = [
-        first[i] + np.linspace(0, size[i] - 1, min(size[i], most)).astype(np.int64)
+        first[i] + np.linspace(0, size[i] - 1, min(size[i], max_count)).astype(np.int64)
         for i in np.flatnonzero(size >= MIN_SAMPLES)
     ]
     return usable[order[np.concatenate([np.zeros(0, dtype=np.int64), *chosen])]]

@@ -43,7 +43,7 @@ DESCRIPTORS = DescriptorTuning()
 def descriptor_hypotheses(
     source: ShapeAnalysis,
     target: ShapeAnalysis,
-    disagreement: Disagreement = no_disagreement,  # with what is known of the map
+    disagreement: Disagreement = no_disagreement,  # with the known evidence
     sides: tuple[int, ...] = (1, -1),  # 1 for maps that keep the orientation, -1 for those that reverse it
 ) -> list[Hypothesis]:
     """The distinct fits of the best scores: some that keep the orientation, and as many that reverse it."""

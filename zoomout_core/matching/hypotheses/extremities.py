@@ -92,7 +92,7 @@ class Extremities:
 def extremity_hypotheses(
     source: ShapeAnalysis,
     target: ShapeAnalysis,
-    disagreement: Disagreement = no_disagreement,  # with what is known of the map
+    disagreement: Disagreement = no_disagreement,  # with the known evidence
     # 1 for maps that keep the orientation, -1 for those that reverse it. Those that keep it, when not given, and where
     # sides are not known the others too.
     sides: tuple[int, ...] | None = None,
@@ -267,7 +267,7 @@ def cheapest_pairings(single: Floats, mutual: Floats, size: int) -> tuple[Intege
     width = EXTREMITIES.beam // (a * b)
     twos = max(size * (size - 1) // 2, 1)
     left = right = np.empty((1, 0), dtype=np.int64)
-    total, extension = np.zeros(1), single[None] / size  # what each further pair would add to each pairing
+    total, extension = np.zeros(1), single[None] / size  # the cost that each further pair would add to each pairing
     for depth in range(size):
         room = a - (size - depth) + 1  # leaves elements of the first set for the pairs to come
         cost = (total[:, None, None] + extension[:, :room]).ravel()

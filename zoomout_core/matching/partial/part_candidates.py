@@ -141,10 +141,10 @@ def _placed_candidates(region: Region, upright: bool) -> list[PartCandidate]:
 def rough_candidates(
     regions: Sequence[Region],
     sets: Sequence[Integers],
-    most: int,
+    max_count: int,
     given: Sequence[Integers] = (),
 ) -> list[PartCandidate]:
-    """Maps of a part to a whole, with coarse registration by the `most` cheapest only, the most likely first.
+    """Maps of a part to a whole, with coarse registration by the `max_count` cheapest only, the most likely first.
 
     Regions compete. The sets are those of landmarks by which the part is searched for. Maps (d_p,) to the first region
     may be given, too.
@@ -160,16 +160,16 @@ def rough_candidates(
     with portion(0.0, 0.5):
         found = sorted(chain(*for_each(search_from, tasks)), key=lambda one: one.cost)
     others = [_Found(_map_cost(places, regions[0]), regions[0], places) for places in given]
-    ahead = _differing([*others, *_differing(found, most)], len(found) + len(others))
+    ahead = _differing([*others, *_differing(found, max_count)], len(found) + len(others))
     with portion(0.5, 1.0):
         return _by_fit(for_each(_register, ahead))
 
 
-def _differing(maps: Sequence[_Map], most: int) -> list[_Map]:
+def _differing(maps: Sequence[_Map], max_count: int) -> list[_Map]:
     """The first maps that differ from those before them."""
     kept: list[_Map] = []
     for one in maps:
-        if len(kept) < most and all(images_apart(one, other) > PART_CANDIDATES.same_map for other in kept):
+        if len(kept) < max_count and all(images_apart(one, other) > PART_CANDIDATES.same_map for other in kept):
             kept.append(one)
     return kept
 
@@ -257,7 +257,7 @@ def register_places(places: Integers, region: Region) -> PartCandidate:
 def _fit(registered: RegisteredPart, part: IncompleteShape) -> dict[str, float]:
     """The scores of a registered part, its fit (the lowest is the most likely), and its area on the whole.
 
-    As evidence on what is up, one minus the mean cosine between an axis along which shapes stand and its image.
+    As evidence on the up direction, one minus the mean cosine between an axis along which shapes stand and its image.
     """
     areas = part.shape.basis.areas
     scores = registered.scores(areas)

@@ -12,16 +12,17 @@ from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Floats, Integers
-from zoomout_core.geometry.closest_points import Neighbourhoods
+from zoomout_core.geometry.embedded_surface import Neighbourhoods
 from zoomout_core.maps.sampled_basis import SampledBasis
 from zoomout_core.matching.preparation.proxy import Proxy, make_proxy
-from zoomout_core.mesh.surface import MeshError
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.triangles import edge_graph
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.runtime.progress import advance, portion
 from zoomout_core.runtime.threads import side_by_side
 from zoomout_core.spectral.descriptors import mean_curvature, pseudo_scalar_signatures, signature_bands, unit_columns
-from zoomout_core.spectral.eigenbasis import SpectralBasis, eigenpairs
+from zoomout_core.spectral.eigenbasis import SpectralBasis
+from zoomout_core.spectral.lanczos import eigenpairs
 from zoomout_core.spectral.laplacian import mesh_laplacian
 from zoomout_core.spectral.sampling import farthest_points, voronoi_areas
 from zoomout_core.tuning import Tuning, tuned

@@ -109,12 +109,12 @@ def cached_analysis(part: WorkingMesh, k: int, samples: int, seed: int, proxy_ve
     return shape
 
 
-def store_shapes(folder: str | PathLike[str] | None, most_bytes: int = MAX_BYTES_ON_DISK) -> None:
+def store_shapes(folder: str | PathLike[str] | None, max_bytes: int = MAX_BYTES_ON_DISK) -> None:
     """Cache shapes that are prepared from now on in a folder, also for other processes.
 
     Args:
         folder: the folder, created if missing; None, the default at start, to cache in memory only.
-        most_bytes: maximum size of the folder; the least recently used shapes are removed first.
+        max_bytes: maximum size of the folder; the least recently used shapes are removed first.
 
     Raises:
         TypeError: the folder is neither a string nor a path.
@@ -127,16 +127,16 @@ def store_shapes(folder: str | PathLike[str] | None, most_bytes: int = MAX_BYTES
     global _folder
     if folder is not None:
         check_path(folder)
-    check_counts(most_bytes=most_bytes)
-    _folder = None if folder is None else ShapeFolder(folder, most_bytes)
+    check_counts(max_bytes=max_bytes)
+    _folder = None if folder is None else ShapeFolder(folder, max_bytes)
 
 
 @contextmanager
-def store_shapes_in(folder: str | PathLike[str], most_bytes: int = MAX_BYTES_ON_DISK) -> Iterator[None]:
+def store_shapes_in(folder: str | PathLike[str], max_bytes: int = MAX_BYTES_ON_DISK) -> Iterator[None]:
     """A context that stores shapes in a folder, see `store_shapes`; the earlier setting is restored after it."""
     global _folder
     before = _folder
-    store_shapes(folder, most_bytes)
+    store_shapes(folder, max_bytes)
     try:
         yield
     finally:

@@ -15,7 +15,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Floats, Integers
-from zoomout_core.geometry.closest_points import Neighbourhoods, SurfaceSearch, project_to_embedding
+from zoomout_core.geometry.closest_points import SurfaceSearch, query_tree, search_tree
+from zoomout_core.geometry.embedded_surface import Neighbourhoods, project_to_embedding
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.decimation import decimate
 from zoomout_core.mesh.surface import Surface
@@ -105,7 +106,7 @@ class Proxy:
     @cached_property
     def full_vertex(self) -> Integers:
         """(n,) the part's vertex nearest to each vertex of the proxy."""
-        return np.asarray(cKDTree(self.full.vertices).query(self.vertices)[1])
+        return query_tree(search_tree(self.full.vertices), self.vertices, 1)[1]
 
 
 def proxy_size(vertices: int, proxy_vertices: ProxyVertices) -> int | None:

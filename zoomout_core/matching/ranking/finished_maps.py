@@ -30,7 +30,7 @@ from zoomout_core.tuning import Tuning, tuned
 class FinishedMapTuning(Tuning, set_by="correspondence"):
     """Which candidates to refine before they are ranked, and how far."""
 
-    most: int = tuned(3, "candidates", 2, 100)  # number of candidates that are refined at most; 4 rank no better
+    max_refined: int = tuned(3, "candidates", 2, 100)  # maximum number of refined candidates; 4 rank no better
     # Lag in score up to which candidates are refined. With margins of 1 to 1.5, equally many right maps come first (84
     # of 85 pairs). With 1, however, only 81 % of them are above 90 % certainty, instead of 86 %.
     margin: float = tuned(1.25, "1", 0, 100)
@@ -58,7 +58,7 @@ def rank_finished(
     first = candidates[0]
     near = [
         number
-        for number, one in enumerate(candidates[: FINISHED_MAPS.most])
+        for number, one in enumerate(candidates[: FINISHED_MAPS.max_refined])
         if one.mirrored == first.mirrored and one.scores["total"] - first.scores["total"] < FINISHED_MAPS.margin
     ]
     finished = for_each(lambda number: _finish(candidates[number], source, target, step), near)

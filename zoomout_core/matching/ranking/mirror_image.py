@@ -49,7 +49,7 @@ def mirror_candidate(result: MatchResult) -> int | None:
     None if it is not, if the shapes are their own mirror images, or if the result is of a mirrored candidate already.
 
     Raises:
-        TypeError: it is no result of `match`.
+        TypeError: it is not a result of `match`.
 
     Example:
         >>> mirrored = zo.mirror_candidate(result)

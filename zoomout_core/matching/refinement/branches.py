@@ -17,7 +17,7 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from zoomout_core.arrays import Booleans, Floats, Integers, SingleFloats
+from zoomout_core.arrays import Booleans, Floats, Integers, SingleFloats, all_in_row, any_in_row
 from zoomout_core.geometry.closest_points import closest_on_triangles
 from zoomout_core.geometry.oriented_closest_points import surface_samples
 from zoomout_core.geometry.procrustes import procrustes
@@ -26,7 +26,7 @@ from zoomout_core.matching.hypotheses.extremities import maxima
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.mesh.triangles import edge_graph
+from zoomout_core.mesh.triangles import at_all, edge_graph
 from zoomout_core.tuning import Tuning, tuned
 
 # Maximum number of samples of a branch to which another one is registered, and their average number on a triangle.
@@ -124,7 +124,7 @@ def _branches(surface: Surface, shape: ShapeAnalysis) -> Branches:
 
 def _images(surface_map: SurfaceMap, source: Branches, target: Branches) -> tuple[Integers, SingleFloats]:
     """(q,) the vertices on the target's branches, and (q, m) distances of their images to the source's tips."""
-    vertices = np.flatnonzero((target.distances < target.length).any(axis=1))
+    vertices = np.flatnonzero(any_in_row(target.distances < target.length))
     corners = surface_map.source_triangles[surface_map.triangle[vertices]]
     barycentric = surface_map.barycentric[vertices].astype(np.float32)
     distances = np.zeros((len(vertices), len(source.length)), dtype=np.float32)
@@ -185,8 +185,9 @@ def _register(
     away, away_source = target.distances[:, tip] / target.length[tip], source.distances[:, other] / source.length[other]
     places, rest = pair.target.vertices / pair.target.working.scale, pair.source.vertices / pair.source.working.scale
     corners = pair.source.triangles
-    branch, inside = np.flatnonzero(away < 1), np.flatnonzero((away_source < MARGIN)[corners].all(axis=1))
-    around = np.flatnonzero((away > 1) & (away < 2) & (target.distances > target.length).all(axis=1))
+    branch, inside = np.flatnonzero(away < 1), np.flatnonzero(at_all(away_source < MARGIN, corners))
+    around = np.flatnonzero((away > 1) & (away < 2))
+    around = around[all_in_row(target.distances[around] > target.length)]
     bases = [x[(share > 0.8) & (share < 1)] for x, share in ((places, away), (rest, away_source))]
     if len(around) < MIN_TIPS or not len(inside) or not all(map(len, bases)):
         return None

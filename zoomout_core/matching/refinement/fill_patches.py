@@ -15,7 +15,7 @@ import numpy as np
 from scipy.sparse import csr_array, diags_array
 from scipy.sparse.csgraph import connected_components
 
-from zoomout_core.arrays import Booleans, Floats, Integers, row_norms, take_rows
+from zoomout_core.arrays import Booleans, Floats, Integers, all_in_row, any_in_row, row_norms, take_rows
 from zoomout_core.geometry.closest_points import closest_on_triangles
 from zoomout_core.geometry.procrustes import SMALLEST, Moments, products
 from zoomout_core.geometry.sparse_solve import factorise
@@ -90,8 +90,8 @@ def choose_images(
         max_stretch: ratio to the usual length beyond which an edge counts.
     """
     among = filled[edges]
-    patch = components(edges[among.all(axis=1)], len(filled))
-    touched = among.any(axis=1)
+    patch = components(edges[all_in_row(among)], len(filled))
+    touched = any_in_row(among)
     of_edge, usual = patch[np.where(among[:, 0], edges[:, 0], edges[:, 1])][touched], usual[touched]
     distortion = []
     for images in tried:
@@ -146,10 +146,12 @@ def _divergence(
     """
     vertices = np.flatnonzero(filled)
     count, patch = connected_components(graph[vertices][:, vertices], directed=False)
-    near = csr_array((np.ones(len(vertices)), (vertices, patch)), shape=(len(filled), count))
+    # Products with the few rows of patches take a fraction of the time of those with the rows of all vertices.
+    near = csr_array((np.ones(len(vertices)), (patch, vertices)), shape=(count, len(filled)))
     for _ in range(FILLING.rings):
-        near = near + graph @ near
-    rows, of_patch = near.nonzero()
+        near = near + near @ graph
+    near.sort_indices()
+    of_patch, rows = near.nonzero()
     rows, of_patch = rows[~filled[rows]], of_patch[~filled[rows]]
     share = 1 / np.bincount(of_patch, minlength=count)[of_patch]
     mean = csr_array((share, (of_patch, np.arange(len(rows)))), shape=(count, len(rows)))
@@ -192,8 +194,6 @@ def _project(goals: Floats, meshes: PairMeshes, allowed: Integers, first_key: In
     coordinates.
     """
     source, (tree, on) = meshes.source, meshes.samples
-    corner, marks = source.triangles[:, 0].copy(), meshes.features[:, 6:].copy()
-    component = source.component[corner]
     rows = np.hstack([goals[:, :3], IMAGES.normal_weight * goals[:, 3:6]])
     triangle = np.empty(len(goals), dtype=np.int64)
 
@@ -201,8 +201,10 @@ def _project(goals: Floats, meshes: PairMeshes, allowed: Integers, first_key: In
         """Choose among the nearest samples of some goals; returns the goals for which a farther one may be closer."""
         apart, near = map(np.asarray, tree.query(rows[some], count))
         candidate = on[near]
-        along = np.abs(take_rows(marks, corner[candidate]) - goals[some, None, 6:].astype(np.float32)).max(axis=2)
-        key = first_key[some, None] + component[candidate]
+        corner = source.triangles[candidate, 0]
+        marks = take_rows(meshes.features, corner)[..., 6:]
+        along = np.abs(marks - goals[some, None, 6:].astype(np.float32)).max(axis=2)
+        key = first_key[some, None] + source.component[corner]
         elsewhere = allowed[np.minimum(np.searchsorted(allowed, key), len(allowed) - 1)] != key
         beyond = np.where(along > MAX_GEODESIC_DISTANCE, along, 0) + elsewhere
         cost = apart + FILLING.geodesic_weight * along + BEYOND * beyond

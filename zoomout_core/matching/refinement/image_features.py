@@ -19,7 +19,7 @@ from zoomout_core.matching.pair import Pair, landmark_points
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 from zoomout_core.matching.registration.correspondences import BOUND_SAMPLES
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.mesh.triangles import edge_lengths, triangle_normals, unique_edges, vertex_areas
+from zoomout_core.mesh.triangles import at_all, edge_lengths, triangle_normals, unique_edges, vertex_areas
 from zoomout_core.tuning import Tuning, tuned
 
 # Number of edges in a block of comparisons, which fits into the processor's cache.
@@ -72,7 +72,7 @@ class PairMeshes:
         if has_partner is not None:
             known[self.target.vertex_of[self.target.vertex_of >= 0]] = has_partner[self.target.vertex_of >= 0]
         self.edges, _ = unique_edges(self.target.triangles)  # (e, 2) of the target
-        self.known = known[self.edges].all(axis=1)  # (e,) which of them join vertices with a partner, and can be torn
+        self.known = at_all(known, self.edges)  # (e,) which of them join vertices with a partner, and can be torn
         self.length = edge_lengths(self.target.vertices, self.edges)  # (e,)
         self.areas = vertex_areas(self.target.vertices, self.target.triangles) * known  # (n,) of vertices with one
         self.fixed = np.zeros(len(self.areas), dtype=bool)  # (n,) vertices at exact landmarks

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Floats, Integers
-from zoomout_core.geometry.closest_points import project_to_embedding
+from zoomout_core.geometry.embedded_surface import project_to_embedding
 from zoomout_core.maps.anchors import Anchors, coordinates
 from zoomout_core.maps.nearest import nearest, nearest_among
 from zoomout_core.maps.surface_map import SurfaceMap
@@ -55,7 +55,7 @@ class Schedule(NamedTuple):
 
 @dataclass(frozen=True)
 class RefinementTuning(Tuning, set_by="correspondence"):
-    """The rounds, and what positions in space weigh in them.
+    """The rounds, and the weights of positions in space.
 
     The weights of positions hold for shapes of the usual ratio of misses along the surface and in space. The less alike
     shapes are, the larger is that ratio, and the weights grow with its square, within limits.

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.arrays import Booleans, Floats, Indices, Integers, any_in_row
 from zoomout_core.geometry.procrustes import SMALLEST
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.pair import Pair
@@ -22,7 +22,7 @@ from zoomout_core.matching.refinement.branches import branches_of, exchange_bran
 from zoomout_core.matching.refinement.fill_patches import fill_patches
 from zoomout_core.matching.refinement.image_features import Images, PairMeshes, image_lengths
 from zoomout_core.matching.registration.nonrigid_icp import replace_images
-from zoomout_core.mesh.triangles import components
+from zoomout_core.mesh.triangles import at_any, components
 from zoomout_core.tuning import Tuning, tuned
 
 # Share of the target's area below which a component is too small, as a strand of hair is, to have parts cut off.
@@ -78,8 +78,8 @@ def repair(pair: Pair, surface_map: SurfaceMap, has_partner: Booleans | None = N
         exchanged, bases = exchange_branches(pair, surface_map, of_both)
         moved = exchanged.triangle != surface_map.triangle
         branches = branches | moved
-        moved = (moved | (exchanged.barycentric != surface_map.barycentric).any(axis=1))[meshes.target.surface_vertex]
-        at, beside = np.flatnonzero(moved), moved[meshes.edges].any(axis=1)  # all else is known from the last round
+        moved = (moved | any_in_row(exchanged.barycentric != surface_map.barycentric))[meshes.target.surface_vertex]
+        at, beside = np.flatnonzero(moved), at_any(moved, meshes.edges)  # all else is known from the last round
         images.replace_at(at, meshes.images_by(exchanged, at))
         length[beside] = image_lengths(images.features, meshes.edges[beside])
         found = _fill_torn(meshes, exchanged, images, length, bases, branches)
@@ -107,11 +107,14 @@ def _fill_torn(
     known = meshes.known if meshes.known.any() else np.ones(len(edges), dtype=bool)
     limit = REPAIR.max_stretch * float(np.median((length / np.maximum(meshes.length, SMALLEST))[known]))
     torn = _torn(length, meshes.length, limit) & meshes.known
-    seams = _torn(length, meshes.length, limit * REPAIR.seam / REPAIR.max_stretch) & meshes.known
-    connected = _connected_share(meshes, seams)
-    filled = ((_to_fill(meshes, torn) & ~branches[member]) | bases[member]) & ~meshes.fixed
+    seams = torn | (_torn(length, meshes.length, limit * REPAIR.seam / REPAIR.max_stretch) & meshes.known)
+    patch = components(edges[meshes.known & ~seams], len(member))
+    connected = _connected_share(meshes, seams, patch)
+    joined = edges[meshes.known & seams & ~torn]  # seams that are no tears join patches
+    patch = components(patch[joined], int(patch.max()) + 1)[patch]
+    filled = ((_to_fill(meshes, torn, patch) & ~branches[member]) | bases[member]) & ~meshes.fixed
     if filled.any():
-        beside = filled[edges].any(axis=1)  # edges that the filling changes
+        beside = at_any(filled, edges)  # edges that the filling changes
         usual = limit / REPAIR.max_stretch * meshes.length[beside]
         fill_patches(images, filled, meshes, beside, usual, REPAIR.max_stretch)
         length[beside] = image_lengths(images.features, edges[beside])
@@ -142,13 +145,13 @@ def _torn(length: Floats, own: Floats, limit: float) -> Booleans:
     return np.asarray((length / np.maximum(own, SMALLEST) > limit) & (length > REPAIR.min_length))
 
 
-def _connected_share(meshes: PairMeshes, torn: Booleans) -> Floats:
+def _connected_share(meshes: PairMeshes, torn: Booleans, patch: Indices) -> Floats:
     """(n,) the part of its component's area that each vertex is connected with along edges that are not torn (e,).
 
-    It is 1 on pieces of a component without a tear, even if they only touch the others.
+    The patches (n,) are those that these edges connect. The part is 1 on pieces of a component without a tear, even if
+    they only touch the others.
     """
     edges, areas, component = meshes.edges, meshes.areas, meshes.target.component
-    patch = components(edges[meshes.known & ~torn], len(areas))
     component_area = np.bincount(component, areas)[component]
     share = np.bincount(patch, areas)[patch] / np.maximum(component_area, SMALLEST)
     is_torn = np.zeros(len(areas), dtype=bool)  # by patch
@@ -156,12 +159,12 @@ def _connected_share(meshes: PairMeshes, torn: Booleans) -> Floats:
     return np.where(is_torn[patch], share, 1.0)
 
 
-def _to_fill(meshes: PairMeshes, torn: Booleans) -> Booleans:
-    """(n,) vertices near torn edges (e,) and on small patches that these cut off, on components mostly whole."""
+def _to_fill(meshes: PairMeshes, torn: Booleans, patch: Indices) -> Booleans:
+    """(n,) vertices near torn edges (e,) and on small patches (n,) that these cut off, on components mostly whole."""
     edges, areas, component = meshes.edges, meshes.areas, meshes.target.component
-    chosen = _connected_share(meshes, torn) < REPAIR.small_patch
+    chosen = _connected_share(meshes, torn, patch) < REPAIR.small_patch
     chosen[edges[torn]] = True
-    chosen[edges[chosen[edges].any(axis=1) & (meshes.length < REPAIR.around)]] = True
+    chosen[edges[at_any(chosen, edges) & (meshes.length < REPAIR.around)]] = True
     whole = np.bincount(component, areas * ~chosen)[component]
     component_area = np.bincount(component, areas)[component]
     return np.asarray(chosen & (whole > REPAIR.min_trusted * component_area))

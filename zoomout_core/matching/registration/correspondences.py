@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Floats, Integers, segment_sum
-from zoomout_core.geometry.closest_points import EmbeddedSurface
+from zoomout_core.geometry.embedded_surface import EmbeddedSurface
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 from zoomout_core.matching.refinement.local_rigid_alignment import RIGID_ALIGNMENT

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.arrays import Booleans, Floats, Integers, any_in_row
 from zoomout_core.geometry.procrustes import nearest_rotations
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
@@ -34,6 +34,7 @@ from zoomout_core.matching.registration.correspondences import (
 )
 from zoomout_core.matching.registration.deformation_graph import DeformationGraph, Nodes
 from zoomout_core.matching.registration.rigid_icp import rigid_vertices, settle
+from zoomout_core.mesh.triangles import at_all
 from zoomout_core.runtime.progress import advance, portion
 
 # The fraction of the progress of a fit that the rounds take.
@@ -188,7 +189,7 @@ def lift_fit(fit: Fit, source: Proxy, target: Proxy, in_space: Floats) -> Surfac
     if source.mesh is source.full and target.mesh is target.full and not fit.fits.any():
         return fit.surface_map
     place, images = target.place, carry(fit.surface_map, source, target)
-    fits = fit.fits[target.mesh.triangles[place.triangle]].all(axis=1)
+    fits = at_all(fit.fits, target.mesh.triangles)[place.triangle]
     on = SurfaceMap(place.triangle[fits], place.barycentric[fits], place.source_triangles)
     (centre, size), (image_centre, image_size) = target.frame, source.frame
     off = (target.full.vertices[fits] - centre) / size - on.interpolate(target.mesh.vertices)
@@ -197,7 +198,7 @@ def lift_fit(fit: Fit, source: Proxy, target: Proxy, in_space: Floats) -> Surfac
     goal[fits] = image_centre + image_size * bent
     settled, nearness = settle(goal, fits, target.full.vertices, in_space, source)
     found = source.closest(settled)
-    at_rest = (settled != goal).any(axis=1)
+    at_rest = any_in_row(settled != goal)
     loose = at_rest & (np.linalg.norm(found.interpolate(source.full.vertices) - settled, axis=1) > nearness)
     found = replace_images(found, loose, source.closest(goal[loose]))
     elsewhere = np.linalg.norm(found.interpolate(source.full.vertices) - images, axis=1) > MAX_LIFT_DISTANCE

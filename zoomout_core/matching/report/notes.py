@@ -14,7 +14,8 @@ from zoomout_core.matching.ranking.certainty import certainty_but_for_turns
 from zoomout_core.matching.ranking.rotational_symmetry import likely_turns
 from zoomout_core.matching.refinement.confidence import Partners
 from zoomout_core.matching.report.verdict import UNCERTAIN_MAP, VERDICT
-from zoomout_core.mesh.surface import PointCloud, Surface
+from zoomout_core.mesh.point_cloud import PointCloud
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.messages import message, probability, warning
 
 NOT_RECOGNISED = (

@@ -22,6 +22,7 @@ from zipfile import ZipFile
 import numpy as np
 
 from zoomout_core.arrays import Booleans
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.blender_files import ENDINGS as OF_BLENDER
 from zoomout_core.mesh.formats.blender_files import write_surface
 from zoomout_core.mesh.formats.gltf_files import read_gltf_file
@@ -37,7 +38,8 @@ from zoomout_core.mesh.formats.usd_files import ENDINGS as OF_USD
 from zoomout_core.mesh.formats.usd_files import read_usd
 from zoomout_core.mesh.formats.xml_instances import check_instances
 from zoomout_core.mesh.memory import memory_in_words
-from zoomout_core.mesh.surface import MeshError, PointCloud, Surface
+from zoomout_core.mesh.point_cloud import PointCloud
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.runtime.extras import install_hint
 from zoomout_core.runtime.input_files import FormatError, check_expansion
 from zoomout_core.runtime.outputs import atomic_write

@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zoomout_core.arrays import Floats, Integers
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.gltf_files import GltfFile, data_of, read_gltf_file
 from zoomout_core.mesh.formats.gltf_tables import WIDTHS
 from zoomout_core.mesh.formats.image_types import TEXTURE_EXTENSIONS, image_type
 from zoomout_core.mesh.formats.opening import shown
-from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.extras import install_hint
 from zoomout_core.runtime.input_files import FormatError, OutsideError, reason_of
 
@@ -240,7 +240,7 @@ def _gltf_of(tree: dict[str, Any]) -> GLTF2:
 
 
 def _with_free_objects(part: dict[str, Any]) -> dict[str, Any]:
-    """A part of a document without free data that is no object, which pygltflib does not take."""
+    """A part of a document without free data that pygltflib rejects, because they are not objects."""
     return {name: value for name, value in part.items() if name != "extras" or isinstance(value, dict)}
 
 

@@ -12,11 +12,11 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import unquote, unquote_to_bytes
 
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.compression.decompress_gltf import decompress_gltf
 from zoomout_core.mesh.formats.glb import MAGIC, unpack_glb
 from zoomout_core.mesh.formats.gltf_structure import check_structure, check_views, values_at
 from zoomout_core.mesh.formats.opening import file_bytes, outside, shown
-from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.input_files import FormatError, OutsideError, beside, read_whole, reason_of
 
 

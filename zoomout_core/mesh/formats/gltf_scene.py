@@ -18,9 +18,10 @@ from scipy.sparse import coo_array, csr_array
 
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.mesh.affine_maps import blend_matrices, normalise, transform_points
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.gltf_document import PLACE, Document, morph_target_names
 from zoomout_core.mesh.formats.opening import shown
-from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.runtime.input_files import FormatError
 
 if TYPE_CHECKING:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Checks of the JSON of glTF files, so that nothing in it refers to what does not exist."""
+"""Check the JSON of glTF files: values, types, and references to other parts."""
 
 from __future__ import annotations
 

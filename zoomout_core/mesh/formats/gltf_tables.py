@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Tables of the specification of glTF 2.0: which values its JSON has, and what they refer to.
+"""Tables of the specification of glTF 2.0: the values of its JSON, and the tables that they refer to.
 
 A path such as `nodes[].children[]` leads to each item of each list; `*` leads to each value of an object.
 """

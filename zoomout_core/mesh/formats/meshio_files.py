@@ -14,11 +14,11 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.opening import existing, file_bytes, outside
 from zoomout_core.mesh.formats.polygons import Polygons, concatenate, starts
 from zoomout_core.mesh.formats.text_tables import text_lines
-from zoomout_core.mesh.surface import MeshError
-from zoomout_core.runtime.input_files import ExpansionError, OutsideError, beside, most_bytes
+from zoomout_core.runtime.input_files import ExpansionError, OutsideError, beside, max_bytes
 
 ENDINGS = (".bdf", ".inp", ".mesh", ".meshb", ".msh", ".nas", ".su2", ".ugrid", ".vol", ".vtk", ".vtu", ".xdmf")
 # Meshio's cell types that are faces, and their numbers of corners; cells of higher order list their corners first.
@@ -78,7 +78,7 @@ class _Bounded:
     """
 
     def __init__(self, decompressor: Callable[[], Any], path: Path) -> None:
-        self._decompressor, self._left = decompressor, most_bytes(path.stat().st_size)
+        self._decompressor, self._left = decompressor, max_bytes(path.stat().st_size)
 
     def decompress(self, content: bytes) -> bytes:
         found = bytes(self._decompressor().decompress(content, self._left + 1))

@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import NamedTuple
 from urllib.parse import unquote
 
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.gltf_files import named_uris, parse_gltf
 from zoomout_core.mesh.formats.opening import existing, file_bytes, outside, shown
 from zoomout_core.mesh.formats.text_tables import decode
-from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.input_files import OutsideError, beside, read_whole
 
 # Statements that name files, in OBJ, .mtl and PLY files, and the element that does in COLLADA files.

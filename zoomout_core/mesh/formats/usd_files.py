@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.gltf_structure import MAX_ELEMENTS
 from zoomout_core.mesh.formats.opening import existing, outside
 from zoomout_core.mesh.formats.polygons import Faces, Polygons, join, reverse_winding
-from zoomout_core.mesh.surface import MeshError
 from zoomout_core.runtime.input_files import OutsideError, beside
 
 ENDINGS = (".usd", ".usda", ".usdc", ".usdz")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How often the instances in COLLADA and 3MF files multiply their meshes, counted before these are read."""
+"""Count the instances of meshes in COLLADA and 3MF files before these are read."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ NAMED_BY = {"instance_node": "url", "component": "objectid", "item": "objectid"}
 
 
 class InstancesError(FormatError):
-    """Instances that have no end, or are too many; the message is a part of a sentence."""
+    """Instances that are endless or too many; the message is a part of a sentence."""
 
 
 def check_instances(content: bytes) -> None:

@@ -2,8 +2,9 @@
 """Adapt the skin weights of worn objects to another body: they change like the weights of the skin below.
 
 A match may slide along limbs, and two armatures have different joints. Cloth that keeps its weights then bends beside
-the knee, and the skin comes through in poses. Cloth that moved differently from the skin before, such as a stiff collar
-or a skirt with its own bones, still does.
+the knee, and the skin comes through in poses. Cloth close to the skin, such as a cuff, gets the weights of the skin
+below it, because even small differences push it into the skin. Cloth that moved differently from the skin before, such
+as a stiff collar or a skirt with its own bones, still does.
 """
 
 from __future__ import annotations
@@ -40,11 +41,14 @@ class BodyWeightTuning(Tuning, set_by="outfits"):
         smooth: length over which the change of the skin's weights is averaged.
         facing: the distance equivalent to a unit difference of normals when skins are compared.
         agreement: share of the weights in common with the skin below from which a place moves with it.
+        close: distance from the skin up to which a place that moves with it gets its weights. From twice this distance,
+            it keeps its own difference.
     """
 
     smooth: float = tuned(0.02, "at unit area", 1e-6, 1)
     facing: float = tuned(0.05, "at unit area", 1e-6, 10)
     agreement: float = tuned(0.5, "1", 1e-6, 1)
+    close: float = tuned(0.01, "at unit area", 1e-6, 1)
 
 
 BODY_WEIGHTS = BodyWeightTuning()
@@ -78,7 +82,7 @@ def follow_weights(
     """Change the weights of worn objects like the weights of the skin below them, from one body to another.
 
     An object follows to the degree to which its weights agree with the skin's on the first body. A braid that is bound
-    to the head keeps its weights.
+    to the head keeps its weights. Where an object that moves with the skin is close to it, it gets the skin's weights.
 
     Args:
         before: the body that wore the objects.
@@ -103,7 +107,7 @@ def follow_weights(
         below = [skin.weights_below(points) for skin, points in zip(skins, (thing.vertices, moved), strict=True)]
         if same_skin is not None:
             below[1] = _clip(below[1], same_skin.weights_below(thing.vertices))
-        change = csr_array(diags_array(_agreement(given, below[0])) @ (below[1] - below[0]))
+        change = _change(normalise(given), below[0], below[1], skins[1].distances(moved))
         smoothed = _smooth(Form.of(thing, skins[0].unit), change)
         changed = _add(given, smoothed if mask is None else csr_array(diags_array(1 - mask) @ smoothed))
         if isinstance(thing, Surface):
@@ -131,9 +135,7 @@ def moving_with_skin(
     """
     skin = _Skin.of(body)
     return [
-        None
-        if given is None
-        else np.minimum(_agreement(given, skin.weights_below(each.vertices)) / BODY_WEIGHTS.agreement, 1)
+        None if given is None else _moving(_agreement(given, skin.weights_below(each.vertices)))
         for each, given in zip(worn, weights, strict=True)
     ]
 
@@ -154,6 +156,10 @@ class _Skin(NamedTuple):
         """(q, b) mean weights of the skin below places (q, 3)."""
         return csr_array(means_of_skin(self.patches, places / self.unit) @ self.weights)
 
+    def distances(self, places: Floats) -> Floats:
+        """(q,) distances of places (q, 3) from the skin, at unit area."""
+        return self.patches.distances(places / self.unit)
+
 
 def _weights_in_shape(body: Surface, shape: Floats, other: WeightedBody) -> csr_array:
     """(n, b) weights that another body has where the skin of a body is in its shape (n, 3)."""
@@ -170,6 +176,26 @@ def _clip(below: csr_array, same: csr_array) -> csr_array:
     kept = normalise(csr_array(below.minimum(MORE * same)))
     has_none = np.asarray(kept.sum(axis=1)).ravel() == 0
     return csr_array(kept + diags_array(has_none.astype(np.float64)) @ same)
+
+
+def _change(weights: csr_array, before: csr_array, after: csr_array, distance: Floats) -> csr_array:
+    """(n, b) change of normalised weights (n, b) of places at distances (n,) from the other body.
+
+    Args:
+        weights: those of the places.
+        before: (n, b) those of the skin below them on the first body.
+        after: (n, b) the same on the other body.
+        distance: (n,) distances from the skin of the other body.
+    """
+    agreement = _agreement(weights, before)
+    close = _moving(agreement) * np.clip(2 - distance / BODY_WEIGHTS.close, 0, 1)
+    alike = diags_array((1 - close) * agreement) @ (after - before)
+    return csr_array(alike + diags_array(close) @ (after - weights))
+
+
+def _moving(agreement: Floats) -> Floats:
+    """(n,) the degree to which places move with the skin, by their agreement (n,) with it."""
+    return np.minimum(agreement / BODY_WEIGHTS.agreement, 1)
 
 
 def _agreement(weights: csr_array, below: csr_array) -> Floats:
@@ -193,7 +219,7 @@ def _smooth(form: Form, change: csr_array) -> csr_array:
 
 def _add(weights: csr_array, change: csr_array) -> csr_array:
     """Weights (n, b) with a change added, not negative, and with the same sums as before."""
-    added = csr_array(weights + change)
+    added = csr_array(normalise(weights) + change)
     added.data[added.data < MIN_WEIGHT] = 0
     added.eliminate_zeros()
     return csr_array(diags_array(np.asarray(weights.sum(axis=1)).ravel()) @ normalise(added))

@@ -13,7 +13,8 @@ from scipy.sparse.csgraph import connected_components
 
 from zoomout_core.arrays import Floats, Integers, segment_sum
 from zoomout_core.geometry.procrustes import SMALLEST
-from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.mesh.errors import MeshError
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import unique_edges
 from zoomout_core.spectral.laplacian import mesh_laplacian
 

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Shape keys: their transfer, what faces need beyond other keys, and the names of expressions."""
+"""Shape keys: their transfer, additional rules for faces, and the names of expressions."""

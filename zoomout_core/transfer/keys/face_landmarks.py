@@ -20,8 +20,9 @@ from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Floats, Integers, row_norms
 from zoomout_core.geometry.procrustes import SMALLEST
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.shapes import ShapeLike, as_surface
-from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import edge_graph, vertex_areas
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.transfer.attribute import Attribute, Kind
@@ -157,7 +158,7 @@ def propose_face_landmarks(surface: ShapeLike, keys: Attribute) -> dict[str, int
         >>> values = np.zeros((len(source.vertices), 1, 3))
         >>> zo.propose_face_landmarks(source, zo.Attribute("keys", zo.Domain.POINT, zo.Kind.OFFSET, values, ("smile",)))
         Traceback (most recent call last):
-        zoomout_core.mesh.surface.MeshError: There is no shape key eyeBlinkLeft: add one, or place landmarks by hand.
+        zoomout_core.mesh.errors.MeshError: There is no shape key eyeBlinkLeft: add one, or place landmarks by hand.
     """
     surface = as_surface(surface)
     _check_keys(keys, len(surface.vertices))

@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.geometry.procrustes import SMALLEST, Moments, Similarities, nearest_rotations, procrustes
 from zoomout_core.mesh.affine_maps import normalise, transform_points
-from zoomout_core.mesh.surface import MeshError
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.transfer.rigging.skinning import matrices_of, row_of, skinning_matrices
 from zoomout_core.tuning import Tuning, tuned
 

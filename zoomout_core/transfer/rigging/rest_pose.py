@@ -26,7 +26,8 @@ from zoomout_core.geometry.procrustes import procrustes
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.affine_maps import normalise
 from zoomout_core.mesh.decimation import decimate
-from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.mesh.errors import MeshError
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_normals, unique_edges, vertex_normals
 from zoomout_core.runtime.threads import on_one_blas_thread
 from zoomout_core.transfer.frames import FULL_CONFIDENCE

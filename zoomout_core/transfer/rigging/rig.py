@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,9 +23,11 @@ from scipy.sparse import csr_array, diags_array, eye_array, vstack
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Floats, Integers
+from zoomout_core.geometry.closest_points import SurfaceSearch
 from zoomout_core.geometry.procrustes import SMALLEST, Similarities, nearest_rotations, procrustes
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.shapes import ShapeLike, as_surface
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.messages import Message, message
 from zoomout_core.runtime.threads import on_one_blas_thread
 from zoomout_core.transfer.dressing.dress import shape_of_source
@@ -72,9 +75,20 @@ ON_BONE, LONGER = 0.01, 1.01
 ROUNDS = 5
 # A rig is symmetric if at least this share of its joints is: others may belong to a weapon in one hand.
 MIN_PAIRED = 0.8
-# A surface is symmetric if at least this share of its points is. On the bodies of `benchmarks rigs`, points are 1 to
-# 2.5 % of the joints' extent from their mirror images, but 5 % around folds and nails.
+# A surface is symmetric if at least this share of its vertices is: others may belong to hair or to a pocket.
 SYMMETRIC_SHARE = 0.99
+# Largest number of vertices by which the symmetry of a surface is measured.
+MAX_MIRRORED = 2000
+
+
+class Deformation(NamedTuple):
+    """A source's surface in the shape of the target, which joints follow."""
+
+    before: Floats  # (n, 3) points of the source's surface
+    after: Floats  # (n, 3) the corresponding points of the target's
+    areas: Floats  # (n,) the area around each point
+    unit: float  # the square root of the source's area
+    target: Surface  # the target itself, whose symmetry does not depend on the map
 
 
 @on_one_blas_thread
@@ -105,11 +119,14 @@ def move_rig(
     """
     source, target = as_surface(source), as_surface(target)
     places, above = check_joints(joints, parents)
+    unit = float(np.sqrt(source.area))
     if len(target.vertices) < RIG.coarse * len(source.vertices):
         images = map_target(result, source, target).points
-        return place_joints(images, target.vertices, target.vertex_areas, float(np.sqrt(source.area)), places, above)
-    after = shape_of_source(result, source, target)
-    return place_joints(source.vertices, after, source.vertex_areas, float(np.sqrt(source.area)), places, above)
+        deformation = Deformation(images, target.vertices, target.vertex_areas, unit, target)
+    else:
+        after = shape_of_source(result, source, target)
+        deformation = Deformation(source.vertices, after, source.vertex_areas, unit, target)
+    return place_joints(deformation, places, above)
 
 
 def joints_of_bones(heads: Floats, tails: Floats, parents: Integers) -> tuple[Floats, Integers]:
@@ -199,19 +216,8 @@ def check_joints(joints: ArrayLike, parents: ArrayLike) -> tuple[Floats, Integer
     return places, above
 
 
-def place_joints(
-    before: Floats, after: Floats, areas: Floats, unit: float, joints: Floats, parents: Integers
-) -> MovedJoints:
-    """Move joints (j, 3) with parents (j,) along with points of a surface, see `move_rig`.
-
-    Args:
-        before: (n, 3) points of the source's surface.
-        after: (n, 3) the corresponding points of the target's.
-        areas: (n,) the area around each point.
-        unit: the square root of the source's area.
-        joints: joints of the source.
-        parents: their parents, -1 for none.
-    """
+def place_joints(deformation: Deformation, joints: Floats, parents: Integers) -> MovedJoints:
+    """Move joints (j, 3) of the source with parents (j,), -1 for none, along with its surface, see `move_rig`."""
     if not len(joints):
         return MovedJoints(joints, np.empty((0, 3, 3)))
     rounded = np.round(joints / max(SAME_PLACE * np.abs(joints).max(), SMALLEST))
@@ -221,15 +227,16 @@ def place_joints(
     edges = np.column_stack([number[parents[parents >= 0]], number[parents >= 0]])
     between_places = edges[:, 0] != edges[:, 1]
     edges = np.unique(edges[between_places], axis=0)
-    motions = _motions_around(before, after, areas, unit, places)
-    depth = np.maximum(cKDTree(before).query(places)[0], RIG.shallow * unit)
+    motions = _motions_around(deformation, places)
+    depth = np.maximum(cKDTree(deformation.before).query(places)[0], RIG.shallow * deformation.unit)
     found = _solve(places, motions, depth, edges)
-    found, rotations = _make_symmetric(places, found, motions.rotation, edges, after)
+    found, rotations = _make_symmetric(places, found, motions.rotation, edges, deformation.target)
     return MovedJoints(found[number], align_bones(joints, found[number], parents, rotations[number]))
 
 
-def _motions_around(before: Floats, after: Floats, areas: Floats, unit: float, places: Floats) -> Similarities:
-    """(j,) the similarities of a surface around joints (j, 3), see `place_joints`."""
+def _motions_around(deformation: Deformation, places: Floats) -> Similarities:
+    """(j,) the similarities of a surface around joints (j, 3)."""
+    before, after, areas, unit, _ = deformation
     scale, rotation, translation = np.empty(len(places)), np.empty((len(places), 3, 3)), np.empty_like(places)
     for number, place in enumerate(places):
         squares = np.einsum("nx,nx->n", before - place, before - place) + (RIG.shallow * unit) ** 2
@@ -299,11 +306,12 @@ def _middles(count: int, edges: Integers) -> tuple[Integers, Integers, Integers]
 
 
 def _make_symmetric(
-    before: Floats, found: Floats, rotations: Floats, edges: Integers, surface: Floats
+    before: Floats, found: Floats, rotations: Floats, edges: Integers, target: Surface
 ) -> tuple[Floats, Floats]:
     """Positions (j, 3) and rotations (j, 3, 3) of joints, made symmetric if those before are nearly symmetric.
 
-    The joints or points of the target's surface (n, 3) must nearly be as well.
+    The joints that were found, or the target's surface, must nearly be as well. The surface is the target's own: a map
+    with errors on one side would make the source in the target's shape asymmetric.
     """
     joint, partner = _mirror_pairs(before, edges)
     if not len(joint):
@@ -311,8 +319,8 @@ def _make_symmetric(
     earlier, mirror = (_mirror(points[joint], points[partner]) for points in (before, found))
     off = _distances(mirror(found[joint]), found[partner], found)
     if (off > RIG.symmetric).any():
-        mirror, image = _mirror_of_surface(surface, mirror)
-        if np.quantile(_distances(mirror(surface), image, found), SYMMETRIC_SHARE) > RIG.symmetric:
+        mirror, off = _mirror_of_surface(target, mirror)
+        if np.quantile(_relative_to(off, found), SYMMETRIC_SHARE) > RIG.symmetric:
             return found, rotations
     positions, turned = found.copy(), rotations.copy()
     positions[joint] = (found[joint] + mirror(found[partner])) / 2
@@ -344,19 +352,26 @@ def _mirror(points: Floats, images: Floats) -> Similarities:
     return procrustes(points, images, handedness=-1, scales=(1, 1))
 
 
-def _mirror_of_surface(surface: Floats, start: Similarities) -> tuple[Similarities, Floats]:
-    """The reflection near another one that brings points (n, 3) closest to their surface, and its nearest points."""
-    tree, mirror = cKDTree(surface), start
+def _mirror_of_surface(surface: Surface, start: Similarities) -> tuple[Similarities, Floats]:
+    """The reflection near another one that brings a surface closest to itself, and distances of vertices from it."""
+    chosen = np.linspace(0, len(surface.vertices) - 1, min(len(surface.vertices), MAX_MIRRORED)).astype(np.int64)
+    points, mirror = surface.vertices[chosen], start
+    search = SurfaceSearch(surface.vertices, surface.triangles)
     for _ in range(ROUNDS):
-        image = surface[tree.query(mirror(surface))[1]]
-        mirror = _mirror(surface, image)
-    return mirror, image
+        image = SurfaceMap(*search.closest(mirror(points)), surface.triangles).interpolate(surface.vertices)
+        mirror = _mirror(points, image)
+    return mirror, np.linalg.norm(mirror(points) - image, axis=1)
 
 
 def _distances(points: Floats, others: Floats, joints: Floats) -> Floats:
-    """(m,) distances of points from others, relative to the root mean square distance of joints from their mean."""
+    """(m,) distances of points from others, relative to the extent of joints."""
+    return _relative_to(np.linalg.norm(points - others, axis=1), joints)
+
+
+def _relative_to(distances: Floats, joints: Floats) -> Floats:
+    """(m,) distances, relative to the root mean square distance of joints (j, 3) from their mean."""
     extent = np.sqrt(((joints - joints.mean(axis=0)) ** 2).sum(axis=1).mean())
-    return np.asarray(np.linalg.norm(points - others, axis=1) / max(extent, SMALLEST))
+    return np.asarray(distances / max(extent, SMALLEST))
 
 
 def align_bones(before: Floats, after: Floats, parents: Integers, rotations: Floats) -> Floats:

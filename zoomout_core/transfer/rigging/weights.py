@@ -13,7 +13,8 @@ from scipy.sparse import csr_array, diags_array
 
 from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.maps.surface_map import interpolation_matrix
-from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.mesh.errors import MeshError
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import unique_edges
 from zoomout_core.messages import message, plural
 from zoomout_core.transfer.attribute import Attribute

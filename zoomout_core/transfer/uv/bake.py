@@ -17,7 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from zoomout_core.arrays import Booleans, Floats, Integers, check_counts
-from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.mesh.errors import MeshError
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import unit_vectors
 from zoomout_core.runtime.progress import advance, portion, stage
 from zoomout_core.transfer.attribute import Domain

@@ -18,6 +18,10 @@ MAX_STRETCH = 4.0
 # UV area of a face, relative to that on the source, below which the face is reported as degenerate.
 MIN_UV_AREA = 1e-3
 
+# UV area of a face across a fold of the source's UVs, relative to that on the source, below which its texture looks
+# squeezed, and the share of the target's area on such faces above which they are reported.
+FOLDED_UV_AREA, FOLDED_SHARE = 0.25, 0.005
+
 # Ratio of the lengths of target and source seams, and length of an edge relative to the extent, above which seams look
 # jagged.
 JAGGED, COARSE = 1.1, 0.015
@@ -34,7 +38,15 @@ def fault_notes(name: str, chart: Chart, mapped: MappedTarget, seed: Integers, u
         (stretched, faces, "{layer}: {count:,} of {total:,} faces have strongly stretched UVs."),
         (missing, islands, "{layer}: {count:,} of {total:,} UV islands of the source received no face."),
     )
-    return tuple(warning(text, layer=name, count=count, total=total) for count, total, text in cases if count)
+    notes = tuple(warning(text, layer=name, count=count, total=total) for count, total, text in cases if count)
+    folded = _folded_share(chart, mapped, seed, uv)
+    if folded > FOLDED_SHARE:
+        text = (
+            "{layer}: {share:.1%} of the area is on faces across which the source's UVs are mirrored, and shows "
+            "smeared textures: cut these faces there, such as by Bisect, and match again."
+        )
+        notes += (warning(text, layer=name, share=folded),)
+    return notes
 
 
 def has_jagged_seams(source: Surface, source_uv: Floats, target: Surface, uv: Floats) -> bool:
@@ -54,6 +66,29 @@ def _seam_lengths(surface: Surface, uv: Floats) -> Floats:
     return np.asarray(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1))
 
 
+def _folded_share(chart: Chart, mapped: MappedTarget, seed: Integers, uv: Floats) -> float:
+    """The share of the target's area on faces that span a fold, such as the middle of mirrored UVs, and lack UV area.
+
+    Their corners are on triangles of the source whose UVs have both orientations, and cover each other.
+    """
+    target = mapped.target
+    covered, area, expected = _uv_areas(chart, mapped, seed, uv)
+    signs = np.sign(signed_areas(chart.uv[mapped.source.triangle_corners]) * _outward(mapped.source))
+    of_corner = signs[mapped.surface_map.triangle][target.corner_vertex]
+    start = target.face_start[:-1]
+    spans = np.minimum.reduceat(of_corner, start) * np.maximum.reduceat(of_corner, start) < 0
+    return float(area[spans & (np.abs(covered) < FOLDED_UV_AREA * expected)].sum() / area.sum())
+
+
+def _uv_areas(chart: Chart, mapped: MappedTarget, seed: Integers, uv: Floats) -> tuple[Floats, Floats, Floats]:
+    """(f,) signed UV areas of the target's faces, their areas, and the UV areas expected from those of their seeds."""
+    target = mapped.target
+    of_triangles = signed_areas(uv[target.triangle_corners]), triangle_areas(target.vertices, target.triangles)
+    covered, area = (np.bincount(target.triangle_face, each).astype(np.float64) for each in of_triangles)
+    density = chart.density[chart.cut.triangle_island[seed]]
+    return covered, area, density**2 * area * mapped.source.area / target.area
+
+
 def _faults(chart: Chart, mapped: MappedTarget, seed: Integers, uv: Floats) -> tuple[Booleans, Booleans, Booleans]:
     """Which faces have UVs (c, 2) that are flipped relative to the source's, degenerate, or strongly stretched.
 
@@ -62,9 +97,7 @@ def _faults(chart: Chart, mapped: MappedTarget, seed: Integers, uv: Floats) -> t
     source, target = mapped.source, mapped.target
     island = chart.cut.triangle_island[seed]
     signed = signed_areas(uv[target.triangle_corners])
-    covered = np.bincount(target.triangle_face, signed)
-    area = np.bincount(target.triangle_face, triangle_areas(target.vertices, target.triangles))
-    expected = chart.density[island] ** 2 * area * source.area / target.area
+    covered, _, expected = _uv_areas(chart, mapped, seed, uv)
     degenerate = np.abs(covered) < MIN_UV_AREA * expected
     flipped = _flipped_faces(chart, mapped, seed, signed) & ~degenerate
 

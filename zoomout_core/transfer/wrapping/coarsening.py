@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from zoomout_core.arrays import Floats, Integers, row_norms
-from zoomout_core.geometry.closest_points import Neighbourhoods, project_to_embedding
+from zoomout_core.geometry.embedded_surface import Neighbourhoods, project_to_embedding
 from zoomout_core.mesh.decimation import decimate
 from zoomout_core.mesh.triangles import have_three_corners
 

@@ -141,16 +141,17 @@ class Elastic:
         """(n, 3) positions attracted by goals (n, 3), with resisting edges, see `RestMesh.loads`."""
         return self._system.solve(self._smoothing.loads(goals, loads))
 
-    def turns(self, positions: Floats) -> Floats:
-        """(n, 3, 3) rotations from rest to positions (n, 3), averaged around each vertex."""
+    def turns(self, positions: Floats, some: Integers | slice = slice(None)) -> Floats:
+        """(s, 3, 3) rotations of some vertices (s,) from rest to positions (n, 3), averaged around each vertex."""
         rest_mesh = self._rest_mesh
         products = products_of_gradients(rest_mesh.stiffness, positions, rest_mesh.rest)
         # Edges of a flat patch do not determine the rotation of its normals, so add these.
         size = rest_mesh.areas * rest_mesh.scales * rest_mesh.handedness
         normals = vertex_normals(positions, rest_mesh.corners)
         products += size[:, None, None] * normals[:, :, None] * rest_mesh.normals[:, None, :]
-        averaged = self._averaging.solve(products.reshape(-1, 9)).reshape(-1, 3, 3)
-        sense = rest_mesh.handedness[:, None, None]
+        # Columns stay contiguous, as the solver returns them, because rotations are computed from columns.
+        averaged = np.asfortranarray(self._averaging.solve(products.reshape(-1, 9))[some]).reshape(-1, 3, 3)
+        sense = rest_mesh.handedness[some, None, None]
         return sense * nearest_rotations(sense * averaged)
 
     def release(self, pull: Floats, vertices: Integers) -> Patch:

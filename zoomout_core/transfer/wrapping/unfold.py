@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from zoomout_core.arrays import Booleans, Floats, Integers
-from zoomout_core.mesh.triangles import area_normals, triangle_normals
+from zoomout_core.mesh.triangles import area_normals, at_any, triangle_normals
 from zoomout_core.runtime.progress import advance
 from zoomout_core.transfer.wrapping.elastic import MIN_PULL, neighbour_means
 from zoomout_core.transfer.wrapping.fit import Fit, turn_normals
@@ -55,7 +55,7 @@ class Unfolding:
         n = len(fit.weight)
         self._means = neighbour_means(self._corners, n)
         self._normals = triangle_normals(fit.working.vertices, self._corners)
-        self._expected = self._turn_normals(fit.turns)
+        self._expected = self._turn_normals(fit.turns, slice(None))
         scales = fit.rest_mesh.scales[self._corners].mean(axis=1)
         self._area = scales**2 * np.linalg.norm(area_normals(fit.working.vertices, self._corners), axis=1)
         self._free = ~np.isin(np.arange(n), fit.pins.vertices)
@@ -74,10 +74,11 @@ class Unfolding:
                 places, turns = fit.projections.places, turns.copy()
                 patch = elastic.release(pull, some)
                 solved = patch.solve(places, fit.rest_mesh.loads(turns), solved)
-                turns[some] = elastic.turns(solved)[some]
+                turns[some] = elastic.turns(solved, some)
                 solved = patch.solve(places, fit.rest_mesh.loads(turns), solved)
                 smoothed = patch.smooth(places - solved, smoothed)
-                self._expected = self._turn_normals(turns)
+                near = self._triangles_at(some)
+                self._expected[near] = self._turn_normals(turns, near)
             advance((release + 0.5) / UNFOLD.releases)
             onto = np.minimum(onto, pull)
             positions, onto = self._relax(solved + smoothed, onto)
@@ -88,16 +89,16 @@ class Unfolding:
             for _ in range(release + release // 2 + 1):
                 held = np.maximum(held, self._means @ held)
             pull = np.maximum(pull * (1 - held), MIN_PULL)
-            # Released vertices move and rotate with their surroundings; what is farther away hardly moves.
+            # Released vertices move and rotate with their surroundings; vertices farther away hardly move.
             some = self._free_near(held > 0)
             advance((release + 1) / UNFOLD.releases)
         return self._flatten(positions)
 
     def _flatten(self, positions: Floats) -> Floats:
         """(n, 3) positions, averaged around faces that are still folded, of the round with the fewest folded faces."""
-        best, least = positions, int(self.turned_triangles(positions).sum())
+        turned = self.turned_triangles(positions)
+        best, least = positions, int(turned.sum())
         for number in range(UNFOLD.releases):
-            turned = self.turned_triangles(positions)
             if turned.sum() < least:
                 best, least = positions, int(turned.sum())
             if not turned.any():
@@ -106,16 +107,18 @@ class Unfolding:
             means, positions = self._means[some], positions.copy()
             for _ in range(UNFOLD.averagings):
                 positions[some] = means @ positions
+            near = self._triangles_at(some)
+            turned[near] = self.turned_triangles(positions, near)
         return best
 
-    def turned_triangles(self, positions: Floats) -> Booleans:
-        """(m,) which triangles of the working mesh face against their rotated surroundings, or have no area."""
-        facing = np.einsum("mx,mx->m", area_normals(positions, self._corners), self._expected)
-        return np.asarray(facing <= UNFOLD.min_area * self._area)
+    def turned_triangles(self, positions: Floats, near: Integers | slice = slice(None)) -> Booleans:
+        """(q,) which of some triangles (q,) face against their rotated surroundings, or have no area."""
+        facing = np.einsum("mx,mx->m", area_normals(positions, self._corners[near]), self._expected[near])
+        return np.asarray(facing <= UNFOLD.min_area * self._area[near])
 
-    def _turn_normals(self, turns: Floats) -> Floats:
-        """(m, 3) normals of the triangles, rotated by the mean of the rotations (n, 3, 3) of their corners."""
-        return turn_normals(self._normals, turns[self._corners].mean(axis=1))
+    def _turn_normals(self, turns: Floats, near: Integers | slice) -> Floats:
+        """(q, 3) normals of some triangles (q,), rotated by the mean of the rotations (n, 3, 3) of their corners."""
+        return turn_normals(self._normals[near], turns[self._corners[near]].mean(axis=1))
 
     def _relax(self, elastic_positions: Floats, onto: Floats) -> tuple[Floats, Floats]:
         """(n, 3) positions between elastic positions (n, 3) and projections, and (n,) the fraction of the way.
@@ -124,8 +127,8 @@ class Unfolding:
         """
         projections = self._fit.projections
         positions = elastic_positions + onto[:, None] * (projections.places - elastic_positions)
+        turned = self.turned_triangles(positions)
         for number in range(UNFOLD.relaxations + UNFOLD.retreats):
-            turned = self.turned_triangles(positions)
             if not turned.any():
                 break
             if number < UNFOLD.relaxations:
@@ -137,13 +140,22 @@ class Unfolding:
                     positions[some] += weight * (projections.places[some] - positions[some])
             else:
                 back = self._at(turned).astype(np.float64)
+                some = np.flatnonzero(self._means @ back + back)
                 onto = onto * (1 - np.maximum(back, self._means @ back) / 2)
             positions = elastic_positions + onto[:, None] * (projections.places - elastic_positions)
+            near = self._triangles_at(some)  # no others have changed
+            turned[near] = self.turned_triangles(positions, near)
         return positions, onto
 
     def _at(self, triangles: Booleans) -> Booleans:
         """(n,) which vertices are corners of some triangles (m,)."""
         return np.isin(np.arange(len(self._free)), self._corners[triangles])
+
+    def _triangles_at(self, vertices: Integers) -> Integers:
+        """(q,) the triangles with a corner among some vertices (s,)."""
+        chosen = np.zeros(len(self._free), dtype=bool)
+        chosen[vertices] = True
+        return np.flatnonzero(at_any(chosen, self._corners))
 
     def _free_around(self, triangles: Booleans, rings: int) -> Integers:
         """The vertices within some rings of some triangles (m,) that are not pinned."""

@@ -16,9 +16,11 @@ from zoomout_core.arrays import Booleans, Floats, Integers, check_fractions
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.geometry.oriented_closest_points import OrientedSurface
 from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.mesh.errors import MeshError
+from zoomout_core.mesh.input_checks import vertex_numbers
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.shapes import ShapeLike, as_surface
-from zoomout_core.mesh.surface import MeshError, Surface, vertex_numbers
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import area_normals
 from zoomout_core.messages import message
 from zoomout_core.runtime.progress import Progress, advance, listening, portion, stage

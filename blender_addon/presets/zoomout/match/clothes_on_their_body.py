@@ -4,5 +4,5 @@ import bpy
 settings = bpy.context.scene.zoomout
 
 settings.initial = "NEAREST"
-for name in ("most_distance", "most_angle", "either_side"):
+for name in ("max_distance", "max_angle", "either_side"):
     settings.property_unset(name)

@@ -10,7 +10,8 @@ from reports import fractions_of
 
 from zoomout_core.matching.components import main_parts as module
 from zoomout_core.matching.components.main_parts import _comparable, _spectrum, main_parts
-from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.mesh.errors import MeshError
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.samples.spheres import ball
 
 EGG, PLUM = ball(1.0, radii=(2, 1, 1), count=200), ball(0.9, (5, 0, 0), radii=(1.5, 1.2, 1), count=200)

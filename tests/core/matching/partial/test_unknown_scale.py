@@ -91,9 +91,9 @@ def test_scales_compete_only_after_each_has_its_place(monkeypatch: pytest.Monkey
     true, sizes = lower.true_places(), []
     at_true = true_scale(lower)
 
-    def rough(regions: Sequence[Any], _sets: object, most: int) -> list[Any]:
+    def rough(regions: Sequence[Any], _sets: object, max_count: int) -> list[Any]:
         (region,) = regions
-        sizes.append(most)
+        sizes.append(max_count)
         scale = float(np.sqrt(region.part.shape.basis.areas.sum()))
         off = abs(np.log(scale / at_true))
         places = true if off < 0.3 else np.roll(true, 40)

@@ -15,7 +15,7 @@ from scipy.sparse.csgraph import dijkstra
 from zoomout_core.matching.partial.incomplete_shape import at_scale
 from zoomout_core.matching.preparation import analysis
 from zoomout_core.matching.preparation.analysis import ANALYSIS, ShapeAnalysis, analyse
-from zoomout_core.mesh.surface import MeshError
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.triangles import edge_graph
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.spectral.descriptors import pseudo_scalar_signatures, signature_bands

@@ -126,7 +126,7 @@ def test_match_in_another_process_uses_the_cache(folder: Path, tmp_path: Path) -
     code = f"""
 import numpy as np, zoomout_core as zo
 from zoomout_core.matching.preparation import memory_cache
-def analyse(*args): raise AssertionError("prepared anew")
+def analyse(*args): raise AssertionError("prepared again")
 memory_cache.analyse = analyse
 zo.store_shapes({str(folder)!r})
 m = np.load({str(tmp_path / "meshes.npz")!r})

@@ -73,9 +73,9 @@ def test_only_the_first_map_is_finished_if_far_ahead(candidates, shapes) -> None
 
 
 def test_only_the_first_few_are_refined(candidates, shapes) -> None:
-    given = [with_total(candidates["true"], -15.0 + 0.01 * number) for number in range(FINISHED_MAPS.most + 2)]
+    given = [with_total(candidates["true"], -15.0 + 0.01 * number) for number in range(FINISHED_MAPS.max_refined + 2)]
     found = rank_finished(given, *shapes, 20)
-    assert sum(ENERGY in one.scores for one in found) == FINISHED_MAPS.most
+    assert sum(ENERGY in one.scores for one in found) == FINISHED_MAPS.max_refined
 
 
 def test_finished_map_of_the_ranking_is_reused(creatures, candidates, shapes, monkeypatch) -> None:

@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.files import read_point_cloud, read_shape, read_surface
-from zoomout_core.mesh.surface import MeshError, PointCloud
+from zoomout_core.mesh.point_cloud import PointCloud
 
 trimesh = pytest.importorskip("trimesh")
 

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.files import read_surface
 from zoomout_core.mesh.formats.polygons import reverse_winding
-from zoomout_core.mesh.surface import MeshError
 
 STAGE = """#usda 1.0
 def Xform "World"

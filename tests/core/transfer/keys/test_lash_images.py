@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 from transfer_meshes import nearest_map
 
@@ -44,3 +46,41 @@ def test_lashes_without_a_skin_keep_their_map() -> None:
     on_lashes = nearest_map(PLACES[BLINKS][np.zeros(len(PLACES), dtype=int)], SOURCE)
     alone = MappedTarget(SOURCE, mapped.target, on_lashes, mapped.confidence)
     assert attach_lashes(BLINKS[SOURCE.working.vertex_of], 0, alone) is alone
+
+
+@cache
+def lashes_of_both_lids(is_welded: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Which vertices of the source, and images of slid lashes, are on the lower lid, of those of both lids (p,).
+
+    The lower lashes approach the upper ones at both ends, and share a corner. In the target it may be welded, which
+    makes them one piece.
+    """
+    across = 2 * np.abs(STRIP.vertices[:, 0] - 0.5)
+    upper = STRIP.vertices + np.array([0, 0.5, 0.05])
+    lower = STRIP.vertices * (1, -1, 1) + np.column_stack([0 * across, 0.3 + 0.18 * across, 0.05 + 0 * across])
+    shared, count = np.flatnonzero(STRIP.vertices[:, 0] == 0), len(STRIP.vertices)
+    lower[shared] = upper[shared]
+    strip = COUNT + triangles_of(grid_faces(20, 2))
+    triangles = np.vstack([triangles_of(grid_faces(20, 20)), strip, strip + count])
+    places = np.vstack([SKIN.vertices, upper, lower])
+    source, is_lash = zo.Surface(places, triangles), np.arange(len(places)) >= COUNT
+    number = np.arange(len(places))
+    if is_welded:
+        number[COUNT + count + shared] = COUNT + shared
+    target = zo.Surface(places - np.where(is_lash[:, None], (0, 0.02, 0), 0), number[triangles])
+    mapped = MappedTarget(source, target, nearest_map(target.vertices, source), np.ones(len(places)))
+    working = source.working
+    closing = np.isin(np.arange(len(working.vertices)), working.vertex_of[is_lash])
+    found = attach_lashes(closing, int(working.component[working.vertex_of[0]]), mapped).surface_map
+    is_lower = np.arange(len(places)) >= COUNT + count
+    return is_lower[is_lash], is_lower[source.triangles[found.triangle, 0]][is_lash]
+
+
+def test_lashes_of_one_lid_stay_together_where_those_of_the_other_are_nearer() -> None:
+    is_lower, found = lashes_of_both_lids(is_welded=False)
+    np.testing.assert_array_equal(found, is_lower)
+
+
+def test_lashes_of_both_lids_in_one_piece_are_not_mapped_to_one_lid() -> None:
+    is_lower, found = lashes_of_both_lids(is_welded=True)
+    assert (found == is_lower).mean() > 0.8

@@ -9,8 +9,8 @@ from bent_tube import tube
 from scipy.spatial.transform import Rotation
 
 import zoomout_core as zo
-from zoomout_core.transfer.rigging.rig import RIG, follow_longer_bones, joints_of_bones
-from zoomout_core.transfer.rigging.rig import place_joints as place_among_points
+from zoomout_core.transfer.rigging.rig import RIG, Deformation, follow_longer_bones, joints_of_bones
+from zoomout_core.transfer.rigging.rig import place_joints as place_along
 from zoomout_core.tuning import retune
 
 LEG = tube(around=12, along=81)
@@ -20,9 +20,13 @@ PARENTS = np.array([-1, 0, 1, -1])
 TURN = Rotation.from_rotvec([0.4, -1.1, 0.7])
 
 
-def place_joints(body: zo.Surface, vertices: np.ndarray, joints: np.ndarray, parents: np.ndarray) -> zo.MovedJoints:
-    """Move joints along with the vertices of a body."""
-    return place_among_points(body.vertices, vertices, body.vertex_areas, float(np.sqrt(body.area)), joints, parents)
+def place_joints(
+    body: zo.Surface, vertices: np.ndarray, joints: np.ndarray, parents: np.ndarray, target: zo.Surface | None = None
+) -> zo.MovedJoints:
+    """Move joints along with the vertices of a body, which are those of the target unless one is given."""
+    target = body.with_vertices(vertices) if target is None else target
+    unit = float(np.sqrt(body.area))
+    return place_along(Deformation(body.vertices, vertices, body.vertex_areas, unit, target), joints, parents)
 
 
 def bulge(points: np.ndarray, height: float, shift: float) -> np.ndarray:
@@ -189,6 +193,16 @@ def test_sliding_along_one_leg_is_averaged_with_the_other() -> None:
     thicker = np.where(right[:, None], (slid - [3, 0, 0]) * [2.0, 2, 1] + [3, 0, 0], slid)
     apart = place_joints(body, thicker, joints, parents).positions
     assert abs(apart[4, 2] - apart[1, 2]) > abs(moved[4, 2] - moved[1, 2]) + 0.1
+
+
+def test_a_map_that_is_wrong_on_one_side_keeps_joints_of_a_symmetric_target_symmetric() -> None:
+    body, joints = legs(), twin(CHAIN[:3])
+    parents = np.concatenate([PARENTS[:3], np.array([-1, 3, 4])])
+    right = body.vertices[:, 0] > 0
+    slid = np.where(right[:, None], bulge(body.vertices, 3, 0.4), body.vertices)
+    torn = np.where(right[:, None], (slid - [3, 0, 0]) * [2.0, 2, 1] + [3, 0, 0], slid)
+    moved = place_joints(body, torn, joints, parents, target=body).positions
+    np.testing.assert_allclose(moved[3:], moved[:3] * [-1, 1, 1], atol=0.05)
 
 
 def test_a_chain_along_a_line_is_not_mirrored_end_to_end() -> None:

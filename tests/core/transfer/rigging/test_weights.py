@@ -11,7 +11,7 @@ from scipy.sparse import csr_array, random_array
 from transfer_meshes import Sheet, identity, permute, sheet, split_at_faces, true_map, tube
 
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.mesh.surface import MeshError
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.triangles import unique_edges
 from zoomout_core.transfer import Attribute, Domain, Kind, transfer
 from zoomout_core.transfer.rigging.weights import rename_groups, sum_to_one

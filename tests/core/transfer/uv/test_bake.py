@@ -11,7 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.mesh.errors import MeshError
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.transfer import pixels
 from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.uv import bake as module

@@ -187,3 +187,50 @@ def test_uv_seams_are_where_the_atlas_jumps_but_not_its_borders() -> None:
     rounding = np.random.default_rng(0).uniform(-1, 1, uv.shape) * 1e-6
     np.testing.assert_array_equal(uv_seams(mesh, uv + rounding), on_seam)
     assert not uv_seams(mesh, corners(mesh)).any()
+
+
+def two_islands(surface: Surface) -> np.ndarray:
+    """(c, 2) UVs of a plate that is cut open in the middle, with the right half far away."""
+    return corners(surface) + right_half(surface) * np.array([5.0, 0.0])
+
+
+@pytest.mark.parametrize("at_seam", [False, True])
+def test_unknown_uv_of_one_corner_is_that_of_the_face_beside_it(at_seam: bool) -> None:
+    surface = plate(20, 20)
+    uv = two_islands(surface)
+    place = np.array([0.5 if at_seam else 0.3, 0.5])
+    corner = int(np.abs(corners(surface) - place).sum(axis=1).argmin())
+    broken = uv.copy()
+    broken[corner] = np.nan
+    found = transfer_uvs(broken, identity(surface), surface, surface)
+    np.testing.assert_allclose(found.values, uv, atol=1e-9)
+    assert found.notes[0].startswith(f"1 of {len(uv):,} values of 'UVMap' are not finite")
+
+
+@pytest.mark.parametrize("across", [0.3, 0.5])
+def test_unknown_uvs_of_a_vertex_are_those_around_it_on_each_island(across: float) -> None:
+    # At a border of an island the corners around are on one side, so that the mean is up to half a face off.
+    surface = plate(20, 20)
+    uv = two_islands(surface)
+    vertex = np.abs(surface.vertices[:, :2] - [across, 0.5]).sum(axis=1).argmin()
+    unknown = surface.corner_vertex == vertex
+    broken = uv.copy()
+    broken[unknown] = np.inf
+    found = transfer_uvs(broken, identity(surface), surface, surface).values
+    np.testing.assert_allclose(found[~unknown], uv[~unknown], atol=1e-9)
+    assert np.abs(found - uv)[unknown].max() < (1e-9 if across < 0.5 else 0.6 / 19)
+
+
+def mirrored_uvs(surface: Surface) -> np.ndarray:
+    """(c, 2) UVs of a plate whose right half shows the texture of the left one."""
+    return np.abs(corners(surface) - [0.5, 0.0])
+
+
+@pytest.mark.parametrize("columns", [9, 10])
+def test_faces_across_the_middle_of_mirrored_uvs_are_reported(columns: int) -> None:
+    # The middle of nine columns of faces is across the fold; ten columns have an edge there.
+    source, target = plate(20, 12), plate(columns, 8)
+    notes = transfer_uvs(mirrored_uvs(source), nearest_map(target.vertices, source), source, target).notes
+    found = [note for note in notes if "the source's UVs are mirrored" in note]
+    assert len(found) == (columns == 9)
+    assert all(note.startswith("UVMap: 11.1% of the area is on faces across which") for note in found)

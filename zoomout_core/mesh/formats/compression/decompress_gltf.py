@@ -15,7 +15,7 @@ from zoomout_core.mesh.formats.compression.draco import decode_draco
 from zoomout_core.mesh.formats.compression.meshopt_attributes import decode_attributes
 from zoomout_core.mesh.formats.compression.meshopt_filters import STRIDES, decode_filter
 from zoomout_core.mesh.formats.compression.meshopt_indices import decode_indices, decode_triangles
-from zoomout_core.runtime.input_files import ExpansionError, FormatError, most_bytes
+from zoomout_core.runtime.input_files import ExpansionError, FormatError, max_bytes
 
 DRACO = "KHR_draco_mesh_compression"
 MESHOPT = ("EXT_meshopt_compression", "KHR_meshopt_compression")
@@ -64,7 +64,7 @@ def _check_expansion(tree: dict[str, Any], packed: int) -> None:
         for name, about in (view.get("extensions") or {}).items()
         if name in MESHOPT
     ]
-    size, most = sum(sizes), most_bytes(packed)
+    size, most = sum(sizes), max_bytes(packed)
     if size > most:
         raise ExpansionError(f"it would expand to {size} bytes, and {most} are allowed for its size")
 

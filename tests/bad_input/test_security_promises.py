@@ -21,9 +21,9 @@ from zoomout_core.collection.shapes import ShapeSummary
 from zoomout_core.map_files import keep_map
 from zoomout_core.maps.known_match import KnownMatch
 from zoomout_core.matching.preparation.disk_cache import ShapeFolder
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats import blender_files
 from zoomout_core.mesh.formats.blender_files import PROGRAM
-from zoomout_core.mesh.surface import MeshError
 
 REPOSITORY = Path(zo.__file__).parents[1]
 PACKAGES = ("zoomout_core", "meshlab_filter", "blender_addon")

@@ -26,7 +26,8 @@ from zoomout_core.matching.components.hulls import (
 from zoomout_core.matching.components.overlap import leaves_in_place, overlapping
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.preparation.analysis import analyse
-from zoomout_core.mesh.surface import MeshError, Surface
+from zoomout_core.mesh.errors import MeshError
+from zoomout_core.mesh.surface import Surface
 from zoomout_core.runtime.progress import advance
 from zoomout_core.samples import spheres
 

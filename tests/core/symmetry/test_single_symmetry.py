@@ -150,4 +150,4 @@ def test_first_symmetry_is_always_returned_others_if_likely(
     assert certainties_found(monkeypatch, [(1.0, [0.9, 0.5, 0.06, 0.04])])[0] == [0.9, 0.5, 0.06]
     many = list(np.linspace(0.9, 0.5, 20))
     assert certainties_found(monkeypatch, [(1.0, many)])[0] == many[:8]
-    assert certainties_found(monkeypatch, [(1.0, many)], most=3)[0] == many[:3]
+    assert certainties_found(monkeypatch, [(1.0, many)], max_count=3)[0] == many[:3]

@@ -14,11 +14,11 @@ from loose_parts import identity, shape_of, sheet
 from scipy.spatial.transform import Rotation
 
 from zoomout_core.geometry.oriented_closest_points import OrientedSurface
+from zoomout_core.geometry.procrustes import Similarities
 from zoomout_core.matching.components.part_motions import MovedTarget
 from zoomout_core.matching.components.parts import Side
 from zoomout_core.matching.components.shell_images import find_beneath, map_onto_partner, near_hull
 from zoomout_core.matching.components.shell_pairs import pair_shells
-from zoomout_core.matching.components.shell_registration import Similarities
 from zoomout_core.matching.components.shells import ShellMap, _motion, _pin, map_shells
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
