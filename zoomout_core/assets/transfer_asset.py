@@ -58,6 +58,21 @@ class MatchWithLandmarks(Protocol):
     def meet_landmarks(self, surface_map: SurfaceMap) -> SurfaceMap: ...
 
 
+class ReportedVerdict(Protocol):
+    """A verdict on a match."""
+
+    @property
+    def is_wrong(self) -> bool: ...
+
+
+@runtime_checkable
+class MatchWithVerdict(Protocol):
+    """A match with a verdict; bones correct its map unless it is probably wrong."""
+
+    @property
+    def verdict(self) -> ReportedVerdict | None: ...
+
+
 class TransferredAsset(NamedTuple):
     """A target with the received data.
 
@@ -136,7 +151,9 @@ def transfer_asset(
     posed, corrected = None, mapped
     if source.skin is not None:
         with stage("Finding the pose", 0, FOUND):
-            posed, corrected = _find_pose(mapped, source, source.skin, skin is not None and part is None)
+            posed, corrected = _find_pose(
+                mapped, source, source.skin, skin is not None and part is None, not _is_wrong(match)
+            )
             corrected = _meet_landmarks(corrected, mapped, match)
     with portion(0.0 if source.skin is None else FOUND, TRANSFERRED):
         attributes, notes = _transfer_attributes(chosen, replaced, target, corrected)
@@ -194,15 +211,30 @@ def _check_joints(assets: Sequence[Asset]) -> None:
             )
 
 
-def _find_pose(mapped: MappedTarget, source: Asset, skin: Skin, binds: bool) -> tuple[PosedTarget | None, MappedTarget]:
-    """The pose of a target if it is bound and not in place, and the target with the map that the bones correct."""
+def _find_pose(
+    mapped: MappedTarget, source: Asset, skin: Skin, binds: bool, corrects: bool
+) -> tuple[PosedTarget | None, MappedTarget]:
+    """The pose of a target if it is bound and not in place, and the target with the map, which the bones may correct.
+
+    Args:
+        mapped: the target over the source.
+        source: the asset with the joints.
+        skin: its skin.
+        binds: whether the target is bound to the joints.
+        corrects: whether the bones correct the map.
+    """
     rigged = source.surface.with_vertices(skin.rest), skin.weights, skin.parents
     if not binds:
-        return None, correct_by_bones(mapped, *rigged)
+        return None, correct_by_bones(mapped, *rigged) if corrects else mapped
     if is_in_place(source.surface, mapped.target):
         return None, mapped
     posed = find_pose(mapped, *rigged)
-    return posed, correct_map(mapped, posed, skin.weights)
+    return posed, correct_map(mapped, posed, skin.weights) if corrects else mapped
+
+
+def _is_wrong(match: Match) -> bool:
+    """Whether a match has a verdict, by which it is probably wrong."""
+    return isinstance(match, MatchWithVerdict) and match.verdict is not None and match.verdict.is_wrong
 
 
 def _meet_landmarks(corrected: MappedTarget, mapped: MappedTarget, match: Match) -> MappedTarget:

@@ -182,11 +182,11 @@ def _notes_on_rest(target: str, bend: float | None, rest: Rest) -> list[Message]
 
 
 def _find_pose(job: TransferJob, rigged: Rigged) -> tuple[PosedTarget, stored_match.Match]:
-    """The pose of a target, and the match that the bones correct."""
+    """The pose of a target, and the match that the bones correct unless it is probably wrong."""
     mapped = map_target(job.match, job.pair.source, job.pair.target, job.settings.fill_below)
     with stage("Finding the pose", 0, FOUND):
         posed = find_pose(mapped, rigged.rest, rigged.weights, rigged.bones.parents)
-        corrected = correct_map(mapped, posed, rigged.weights)
+        corrected = mapped if stored_match.is_wrong(job.match) else correct_map(mapped, posed, rigged.weights)
     if corrected is mapped:
         return posed, job.match
     return posed, stored_match.along(job.match, corrected.surface_map, corrected.confidence)
