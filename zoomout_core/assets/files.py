@@ -26,9 +26,10 @@ from zoomout_core.mesh.formats.files import OPTIONAL_READERS, read_surface
 from zoomout_core.mesh.formats.named_files import named_files
 from zoomout_core.mesh.formats.opening import existing, explain_damage
 from zoomout_core.mesh.memory import memory_in_words
+from zoomout_core.runtime.input_files import check_paths
 from zoomout_core.runtime.outputs import OutputError, atomic_write_together, is_same_file, replaces_input
 from zoomout_core.transfer.attribute import element_count
-from zoomout_core.transfer.finite import with_finite_values
+from zoomout_core.transfer.rules import RULES
 
 READERS = {".glb": read_gltf, ".gltf": read_gltf, ".obj": read_obj, ".ply": read_ply, ".vrm": read_gltf}
 WRITERS = {".glb": write_gltf, ".gltf": write_gltf, ".obj": write_obj, ".ply": write_ply, ".vrm": write_gltf}
@@ -61,6 +62,7 @@ def read_asset(path: str | PathLike[str], folders: Iterable[str | PathLike[str]]
         >>> len(zo.read_asset(folder / "creature.glb").surface.triangles) == len(source.triangles)
         True
     """
+    check_paths(folders, "folders")
     place = existing(path)
     reader = READERS.get(place.suffix.lower())
     with explain_damage(path):
@@ -156,6 +158,7 @@ def write_asset(
     """
     if not isinstance(asset, Asset):
         raise TypeError(f"An Asset is needed, not a {type(asset).__name__}: write a surface as zo.Asset(surface).")
+    check_paths(inputs, "inputs")
     check_format(path)
     check_avatar(asset, path)
     check_compression(path, compression)
@@ -179,7 +182,7 @@ def _with_finite_values(asset: Asset) -> Asset:
         count, unit = element_count(each.domain, asset.surface), each.domain.name.lower()
         if len(each.values) != count:
             raise MeshError(f"'{each.name}' has {len(each.values)} values for {count} {unit}s: give one for each.")
-    return replace(asset, attributes=tuple(with_finite_values(each, asset.surface) for each in asset.attributes))
+    return replace(asset, attributes=tuple(RULES[each.kind].fill(each, asset.surface) for each in asset.attributes))
 
 
 def inputs_of(*paths: str | PathLike[str], folders: Iterable[str | PathLike[str]] = ()) -> list[Path]:

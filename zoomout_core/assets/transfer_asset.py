@@ -21,8 +21,8 @@ from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.affine_maps import normalise
 from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.memory import memory_in_words
-from zoomout_core.mesh.surface import Surface
 from zoomout_core.messages import enumeration, message, plural
+from zoomout_core.runtime.option_names import suggest_names
 from zoomout_core.runtime.progress import advance, portion, stage
 from zoomout_core.runtime.threads import on_one_blas_thread
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
@@ -76,6 +76,7 @@ class TransferredAsset(NamedTuple):
     mapped: MappedTarget | None = None
 
 
+@suggest_names
 @memory_in_words
 @on_one_blas_thread
 def transfer_asset(
@@ -131,7 +132,7 @@ def transfer_asset(
         raise MeshError("The source has no joints to move: choose a rigged source, and transfer its skin weights.")
     if move_rig:
         _check_joints((source,) if part is None else (source, target))
-    mapped = map_target(match, source.surface, place_all(target.surface), fill_below)
+    mapped = map_target(match, source.surface, target.surface, fill_below)
     replaced = {kind_of(each) for each in chosen}
     posed, corrected = None, mapped
     if source.skin is not None:
@@ -229,20 +230,15 @@ def _transfer_attributes(
     return tuple(received.values()), notes
 
 
-def place_all(surface: Surface) -> Surface:
-    """A surface whose vertices that are not numbers, and that no face uses, are moved among the others."""
-    broken = np.isnan(surface.vertices).any(axis=1)
-    if not broken.any():
-        return surface
-    return surface.with_vertices(np.where(broken[:, None], surface.vertices[~broken].mean(axis=0), surface.vertices))
-
-
 def select_data(source: Asset, kinds: Collection[str]) -> tuple[list[Attribute], Skin | None]:
     """Select the attributes and the skin of an asset by kind.
 
     Raises:
         MeshError: there are none.
+        ValueError: there are no kinds.
     """
+    if not kinds:
+        raise ValueError("kinds is empty: name the data to transfer.")
     chosen = [each for each in source.attributes if kind_of(each) in kinds]
     skin = source.skin if WEIGHTS in kinds else None
     if not chosen and skin is None:

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -63,7 +63,7 @@ class SearchTuning(Tuning, set_by="library"):
 SEARCH = SearchTuning()
 
 
-def search(target: Surface, assets: Sequence[LibraryAsset], compare: int | None = None) -> FoundSources:
+def search(target: Surface, assets: Iterable[LibraryAsset], compare: int | None = None) -> FoundSources:
     """Find the assets that fit a target.
 
     Args:
@@ -74,6 +74,7 @@ def search(target: Surface, assets: Sequence[LibraryAsset], compare: int | None 
     Raises:
         MeshError: the target cannot be analysed.
     """
+    assets = list(assets)
     if not assets:
         return FoundSources((), None, message(NO_ASSETS))
     with portion(0.0, 0.2):

@@ -4,8 +4,10 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+from scipy.sparse import issparse
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Floats, Integers
@@ -30,26 +32,66 @@ def places_of(domain: Domain, surface: Surface) -> Floats:
 def with_finite_values(attribute: Attribute, surface: Surface) -> Attribute:
     """Replace values that are not finite by those of the nearest places on a surface, and note it.
 
+    If one column of an element is not finite, all of its columns are replaced.
+
     Raises:
         MeshError: none of the attribute's values is finite.
     """
-    values = np.asarray(attribute.values)
+    values = attribute.values.tocsr() if issparse(attribute.values) else np.asarray(attribute.values)
     if values.dtype.kind != "f":
         return attribute
-    finite = np.isfinite(values.reshape(len(values), -1)).all(axis=1)
+    finite = _finite_rows(values)
     if finite.all():
         return attribute
+    return _noted(attribute, values[_nearest_finite(finite, attribute, surface)], finite)
+
+
+def with_finite_offsets(attribute: Attribute, surface: Surface) -> Attribute:
+    """Replace offsets (n, keys, 3) that are not finite by those of the same key at the nearest vertices, and note it.
+
+    Raises:
+        MeshError: a key has no finite offsets.
+    """
+    values = np.asarray(attribute.values)
+    finite = np.isfinite(values).all(axis=2)
+    if finite.all():
+        return attribute
+    filled = values.copy()
+    for key in np.flatnonzero(~finite.all(axis=0)):
+        filled[:, key] = values[_nearest_finite(finite[:, key], attribute, surface), key]
+    return _noted(attribute, filled, finite)
+
+
+def _finite_rows(values: Any) -> Booleans:
+    """(count,) which rows of values (count, ...), an array or a csr_array, are finite."""
+    if not issparse(values):
+        return np.asarray(np.isfinite(values.reshape(len(values), -1)).all(axis=1))
+    finite = np.ones(values.shape[0], dtype=bool)
+    finite[np.searchsorted(values.indptr, np.flatnonzero(~np.isfinite(values.data)), side="right") - 1] = False
+    return finite
+
+
+def _nearest_finite(finite: Booleans, attribute: Attribute, surface: Surface) -> Integers:
+    """(count,) the nearest element with a finite value for each element (count,), itself if its own is finite.
+
+    Raises:
+        MeshError: there is none.
+    """
     places = places_of(attribute.domain, surface)
     somewhere = measurable(places)
-    known = np.flatnonzero(finite & somewhere)
+    known, unknown = np.flatnonzero(finite & somewhere), np.flatnonzero(~finite)
     if not len(known):
         raise MeshError("'{name}' has no finite values: correct them.", name=attribute.name)
-    filled = values.copy()
-    unknown = np.flatnonzero(~finite)
+    nearest = np.arange(len(finite))
     # Elements without a position belong to no face, and take any value.
     at = np.where(somewhere[unknown, None], places[unknown], 0)
-    filled[unknown] = values[known[cKDTree(places[known]).query(at)[1]]]
-    note = message(NOT_FINITE, count=len(unknown), total=len(values), name=attribute.name)
+    nearest[unknown] = known[cKDTree(places[known]).query(at)[1]]
+    return nearest
+
+
+def _noted(attribute: Attribute, filled: Any, finite: Booleans) -> Attribute:
+    """An attribute with other values, and a note on those that were not finite."""
+    note = message(NOT_FINITE, count=int((~finite).sum()), total=finite.size, name=attribute.name)
     return replace(attribute, values=filled, notes=(*attribute.notes, note))
 
 
@@ -80,8 +122,7 @@ def with_finite_uv(attribute: Attribute, surface: Surface) -> Attribute:
         filled[found] = mean[group[found]]
         known = known | found
     whole = with_finite_values(replace(attribute, values=filled), surface)
-    note = message(NOT_FINITE, count=int((~finite).sum()), total=len(values), name=attribute.name)
-    return replace(whole, notes=(*attribute.notes, note))
+    return _noted(attribute, whole.values, finite)
 
 
 def _joined_corners(values: Floats, finite: Booleans, surface: Surface) -> Integers:

@@ -40,11 +40,15 @@ def file_bytes(path: Path) -> bytes:
 
 @contextmanager
 def explain_damage(path: str | PathLike[str]) -> Iterator[None]:
-    """Turn any error of a reader, except a MeshError or an ImportError, into a MeshError that names the file."""
+    """Turn any error of a reader, except an ImportError, into a MeshError that names the file."""
     try:
         yield
-    except (MeshError, ImportError):
+    except ImportError:
         raise
+    except MeshError as error:
+        if str(path) in str(error):
+            raise
+        raise MeshError("{name}: {reason}", name=str(path), reason=error) from error
     except Exception as error:  # readers raise various errors on a broken file
         raise MeshError(
             f"{path} could not be read ({reason_of(error)}): check that the file is complete and has the right "

@@ -201,11 +201,13 @@ def check_joints(joints: ArrayLike, parents: ArrayLike) -> tuple[Floats, Integer
     Raises:
         ValueError: they are not finite, or parents are no joints or form a cycle.
     """
-    places, above = finite_joints(joints), np.asarray(parents, dtype=np.int64).ravel()
-    if len(above) != len(places) or ((above < -1) | (above >= len(places))).any():
+    places, given = finite_joints(joints), np.ravel(np.asarray(parents, dtype=object)).tolist()
+    number = range(-1, len(places))
+    if len(given) != len(places) or not all(parent in number for parent in given):
         raise ValueError(
             f"parents does not fit {len(places)} joints: give for each the number of its parent, or -1 for none."
         )
+    above = np.array(given, dtype=np.int64)
     ancestor = above
     for _ in range(len(places)):
         if (ancestor < 0).all():

@@ -23,6 +23,7 @@ from zoomout_core.mesh.shapes import ShapeLike, as_surface
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import area_normals
 from zoomout_core.messages import message
+from zoomout_core.runtime.option_names import suggest_names
 from zoomout_core.runtime.progress import Progress, advance, listening, portion, stage
 from zoomout_core.runtime.threads import on_one_blas_thread
 from zoomout_core.transfer.blend import mask_of
@@ -59,6 +60,7 @@ class Wrapped:
     notes: tuple[str, ...]
 
 
+@suggest_names
 @memory_in_words
 @on_one_blas_thread
 def wrap(
@@ -111,6 +113,8 @@ def wrap(
     if mapped.has_partner is not None:
         weight = weight * mapped.has_partner
     if not weight.any():
+        if mask is None:
+            raise MeshError("The target cannot be wrapped, because no vertex has a partner: match again.")
         raise MeshError(
             "No part of the target can be wrapped, because no vertex has both a partner and a weight in the mask: "
             "change the mask, or match again."
@@ -200,6 +204,8 @@ Landmarks: TypeAlias = tuple[Integers, Floats, Floats]
 def _places_of_landmarks(given: tuple[ArrayLike, ArrayLike] | None, source: Surface, target: Surface) -> Landmarks:
     if given is None:
         return np.empty((0, 3), dtype=np.int64), np.empty((0, 3)), np.empty((0, 3))
+    if len(given) != 2:
+        raise ValueError(f"landmarks has {len(given)} lists: give two, of places on the source and on the target.")
     of_source, of_target = given
     (corners, weights), on_target = _places("source", source, of_source), _places("target", target, of_target)
     if len(corners) != len(on_target[0]):
