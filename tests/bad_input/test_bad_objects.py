@@ -304,6 +304,18 @@ def with_broken_key(obj: Object) -> None:
     obj.shape_key_add(name="Up").data[3].co = np.nan, 0, 0
 
 
+def test_target_with_a_broken_loose_vertex_gets_all_data() -> None:
+    source, target = body("Source", 0), body("Target", 0)
+    source.shape_key_add(name="Basis")
+    source.shape_key_add(name="Up").data[3].co.z += 1
+    target.data.vertices.add(1)
+    target.data.vertices[-1].co = (np.nan,) * 3
+    report = api.transfer_objects(bpy.context, source, target, ["shape_keys", "custom_normals"], **NEAREST)
+    assert report["written"]["shape_keys"] == ["Up"]
+    moved = np.array([key.co[:] for key in target.data.shape_keys.key_blocks["Up"].data])
+    assert np.isfinite(moved[:-1]).all()
+
+
 # Changes to the source, the data to transfer, and the error; without one, the name of what is written.
 SOURCES: dict[str, tuple[Callable[[Object], object], str, str, str]] = {
     "custom normals on a flat object": (flat_source, "custom_normals", "custom normals: skipped", ""),

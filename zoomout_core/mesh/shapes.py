@@ -54,14 +54,17 @@ def as_shape(shape: ShapeLike) -> Surface | PointCloud:
 def as_surface(shape: ShapeLike) -> Surface:
     """Convert a user's shape to a surface; the surface of a point cloud is reconstructed.
 
-    Vertices without a usable position, which no face uses, are placed among the others, see `place_unused`.
-
     Raises:
         MeshError: it is invalid, or no surface passes through the points.
         TypeError: it is not a shape, see `as_shape`.
     """
     found = as_shape(shape)
-    return place_unused(found.surface if isinstance(found, PointCloud) else found)
+    return found.surface if isinstance(found, PointCloud) else found
+
+
+def as_placed_surface(shape: ShapeLike) -> Surface:
+    """Convert a user's shape to a surface, all of whose vertices have a position; see `as_surface`, `place_unused`."""
+    return place_unused(as_surface(shape))
 
 
 def place_unused(surface: Surface) -> Surface:

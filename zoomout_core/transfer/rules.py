@@ -16,7 +16,7 @@ from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.maps.surface_map import SurfaceMap, fault_of_map
 from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.memory import memory_in_words
-from zoomout_core.mesh.shapes import ShapeLike, as_surface
+from zoomout_core.mesh.shapes import ShapeLike, as_placed_surface
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.runtime.threads import on_one_blas_thread
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind, element_count
@@ -221,7 +221,7 @@ def surfaces_of(
     target = getattr(result, "target", None) if target is None else target
     if source is None or target is None:
         raise TypeError(f"A {type(result).__name__} does not contain its surfaces: give source and target as well.")
-    return as_surface(source), as_surface(target)
+    return as_placed_surface(source), as_placed_surface(target)
 
 
 def transfer_along(attribute: Attribute, mapped: MappedTarget, **options: Any) -> Attribute:

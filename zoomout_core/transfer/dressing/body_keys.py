@@ -17,7 +17,7 @@ from scipy.sparse import csr_array
 
 from zoomout_core.arrays import Floats, to_floats
 from zoomout_core.mesh.memory import memory_in_words
-from zoomout_core.mesh.shapes import as_surface
+from zoomout_core.mesh.shapes import as_placed_surface
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.runtime.progress import Progress, advance, listening, stage
 from zoomout_core.runtime.threads import on_one_blas_thread
@@ -86,7 +86,7 @@ def follow_keys(
         raise ValueError(
             f"offsets are of the shape {keys.shape}, or not finite: give finite ones ({len(body.vertices)}, keys, 3)."
         )
-    masks, worn, body = read_masks(worn, keep), place_worn(worn), as_surface(body)
+    masks, worn, body = read_masks(worn, keep), place_worn(worn), as_placed_surface(body)
     followed = list[Floats]()
     with listening(progress), stage("Following the keys"):
         patches = Patches(body.vertices / unit, body.triangles)

@@ -22,7 +22,7 @@ from zoomout_core.geometry.procrustes import procrustes
 from zoomout_core.geometry.screened_smoothing import ScreenedSmoothing
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.memory import memory_in_words
-from zoomout_core.mesh.shapes import as_surface
+from zoomout_core.mesh.shapes import as_placed_surface
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import area_normals, unique_edges
 from zoomout_core.messages import warning
@@ -154,7 +154,7 @@ def dress(
     """
     _check(carried, manners, stiffness, gap)
     read_masks(carried, keep)
-    source, target = as_surface(source), as_surface(target)
+    source, target = as_placed_surface(source), as_placed_surface(target)
     with listening(progress):
         with portion(0, SHAPED):
             shape = shape_of_source(result, source, target)

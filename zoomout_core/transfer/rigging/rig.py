@@ -26,7 +26,7 @@ from zoomout_core.arrays import Floats, Integers
 from zoomout_core.geometry.closest_points import SurfaceSearch
 from zoomout_core.geometry.procrustes import SMALLEST, Similarities, nearest_rotations, procrustes
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.mesh.shapes import ShapeLike, as_surface
+from zoomout_core.mesh.shapes import ShapeLike, as_placed_surface
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.messages import Message, message
 from zoomout_core.runtime.threads import on_one_blas_thread
@@ -117,7 +117,7 @@ def move_rig(
         >>> moved.positions.shape, moved.rotations.shape
         ((2, 3), (2, 3, 3))
     """
-    source, target = as_surface(source), as_surface(target)
+    source, target = as_placed_surface(source), as_placed_surface(target)
     places, above = check_joints(joints, parents)
     unit = float(np.sqrt(source.area))
     if len(target.vertices) < RIG.coarse * len(source.vertices):

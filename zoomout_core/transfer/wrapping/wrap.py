@@ -19,7 +19,7 @@ from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.input_checks import vertex_numbers
 from zoomout_core.mesh.memory import memory_in_words
-from zoomout_core.mesh.shapes import ShapeLike, as_surface
+from zoomout_core.mesh.shapes import ShapeLike, as_placed_surface, place_unused
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import area_normals
 from zoomout_core.messages import message
@@ -106,7 +106,7 @@ def wrap(
         True
     """
     check_fractions(smoothness=smoothness, detail=detail)
-    source, target = as_surface(source), as_surface(target)
+    source, target = as_placed_surface(source), as_placed_surface(target)
     mapped, unit = map_target(result, source, target), float(np.sqrt(source.area))
     weight = mask_of(mask, target)
     mapped = replace(mapped, confidence=mapped.confidence * weight)
@@ -166,6 +166,7 @@ def reverse_match(result: Match | SurfaceMap, source: Surface, target: Surface) 
     Raises:
         MeshError: the map is of other surfaces, or nothing corresponds.
     """
+    source, target = place_unused(source), place_unused(target)
     with portion(0, TURNED_ROUND):
         wrapped = wrap(result, source, target)
     with stage("Inverting the match", TURNED_ROUND, 1):
