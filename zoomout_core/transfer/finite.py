@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from scipy.sparse import issparse
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Floats, Integers
@@ -37,7 +36,8 @@ def with_finite_values(attribute: Attribute, surface: Surface) -> Attribute:
     Raises:
         MeshError: none of the attribute's values is finite.
     """
-    values = attribute.values.tocsr() if issparse(attribute.values) else np.asarray(attribute.values)
+    given: Any = attribute.values
+    values: Any = given.tocsr() if hasattr(given, "tocsr") else np.asarray(given)
     if values.dtype.kind != "f":
         return attribute
     finite = _finite_rows(values)
@@ -64,11 +64,11 @@ def with_finite_offsets(attribute: Attribute, surface: Surface) -> Attribute:
 
 def _finite_rows(values: Any) -> Booleans:
     """(count,) which rows of values (count, ...), an array or a csr_array, are finite."""
-    if not issparse(values):
+    if isinstance(values, np.ndarray):
         return np.asarray(np.isfinite(values.reshape(len(values), -1)).all(axis=1))
-    finite = np.ones(values.shape[0], dtype=bool)
-    finite[np.searchsorted(values.indptr, np.flatnonzero(~np.isfinite(values.data)), side="right") - 1] = False
-    return finite
+    broken = np.flatnonzero(~np.isfinite(values.data))
+    row = np.searchsorted(values.indptr, broken, side="right") - 1
+    return np.isin(np.arange(len(values.indptr) - 1), row, invert=True)
 
 
 def _nearest_finite(finite: Booleans, attribute: Attribute, surface: Surface) -> Integers:

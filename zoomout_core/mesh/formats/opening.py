@@ -49,20 +49,28 @@ def file_bytes(path: Path) -> bytes:
 def explain_damage(path: str | PathLike[str]) -> Iterator[None]:
     """Turn any error of a reader, except an ImportError, into a MeshError that names the file."""
     try:
-        yield
-    except ImportError:
+        with name_file(path):
+            yield
+    except (MeshError, ImportError):
         raise
-    except MeshError as error:
-        _refuse_placeholder(path, error)
-        if str(path) in str(error):
-            raise
-        raise MeshError("{name}: {reason}", name=str(path), reason=error) from error
     except Exception as error:  # readers raise various errors on a broken file
         _refuse_placeholder(path, error)
         raise MeshError(
             f"{path} could not be read ({reason_of(error)}): check that the file is complete and has the right "
             "extension."
         ) from error
+
+
+@contextmanager
+def name_file(path: str | PathLike[str]) -> Iterator[None]:
+    """Name a file in a MeshError that does not."""
+    try:
+        yield
+    except MeshError as error:
+        _refuse_placeholder(path, error)
+        if str(path) in str(error):
+            raise
+        raise MeshError("{name}: {reason}", name=str(path), reason=error) from error
 
 
 def _refuse_placeholder(path: str | PathLike[str], error: Exception) -> None:
