@@ -229,7 +229,7 @@ def _naming(obj: Object) -> Iterator[None]:
 
 
 def _find_broken_input(obj: Object) -> Message | None:
-    """What makes all positions of an object unusable, if it is not the mesh: its matrix, or a shape key."""
+    """The reason why an object cannot be used, if it is its matrix or a shape key instead of the mesh."""
     if not np.isfinite(np.array(obj.matrix_world)).all():
         return message("Its location, rotation or scale is not finite: clear its transforms.")
     keys = obj.original.data.shape_keys
