@@ -160,7 +160,7 @@ def test_values_that_overflow_are_refused(kind: zo.Kind) -> None:
 
 
 PADDED = zo.Surface(np.vstack([SOURCE.vertices, np.full((1, 3), np.nan)]), SOURCE.triangles)
-# What is computed along a match of the surface to itself.
+# Computations along a match of the surface to itself.
 ALONG: dict[str, Callable[[zo.MatchResult, zo.Surface], Any]] = {
     "wrap": lambda match, surface: zo.wrap(match, surface, surface).vertices,
     "conform": lambda match, surface: zo.conform(match, surface, surface),
