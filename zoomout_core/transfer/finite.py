@@ -13,7 +13,7 @@ from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.input_checks import measurable
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.messages import message
-from zoomout_core.transfer.attribute import Attribute, Domain, mean_over_vertices
+from zoomout_core.transfer.attribute import Attribute, Domain, Kind, mean_over_vertices
 from zoomout_core.transfer.cut_mesh import CUT_TOLERANCE, adjacent_edges, face_edges
 from zoomout_core.transfer.groups import label_groups
 
@@ -28,7 +28,10 @@ def places_of(domain: Domain, surface: Surface) -> Floats:
 
 
 def with_finite_values(attribute: Attribute, surface: Surface) -> Attribute:
-    """Replace values that are not finite by those of the nearest places on a surface, and note it.
+    """Replace values that are not finite by those around them, and note it.
+
+    A corner without a UV takes that of an adjacent face on its island. If no face at its vertex has one, it takes the
+    mean of the neighboring corners on the island. Other values, and UVs without any around them, take the nearest ones.
 
     Raises:
         MeshError: none of the attribute's values is finite.
@@ -39,33 +42,23 @@ def with_finite_values(attribute: Attribute, surface: Surface) -> Attribute:
     finite = np.isfinite(values.reshape(len(values), -1)).all(axis=1)
     if finite.all():
         return attribute
+    filled, known = values.copy(), finite
+    if attribute.kind is Kind.UV and finite.any():
+        filled, known = _fill_from_islands(filled, finite, surface)
     places = places_of(attribute.domain, surface)
     somewhere = measurable(places)
-    known = np.flatnonzero(finite & somewhere)
-    if not len(known):
+    sources, unknown = np.flatnonzero(known & somewhere), np.flatnonzero(~known)
+    if not len(sources):
         raise MeshError("'{name}' has no finite values: correct them.", name=attribute.name)
-    filled = values.copy()
-    unknown = np.flatnonzero(~finite)
     # Elements without a position belong to no face, and take any value.
     at = np.where(somewhere[unknown, None], places[unknown], 0)
-    filled[unknown] = values[known[cKDTree(places[known]).query(at)[1]]]
-    note = message(NOT_FINITE, count=len(unknown), total=len(values), name=attribute.name)
+    filled[unknown] = filled[sources[cKDTree(places[sources]).query(at)[1]]]
+    note = message(NOT_FINITE, count=int((~finite).sum()), total=len(values), name=attribute.name)
     return replace(attribute, values=filled, notes=(*attribute.notes, note))
 
 
-def with_finite_uv(attribute: Attribute, surface: Surface) -> Attribute:
-    """Replace UVs (c, 2) that are not finite by those around them on the same island, and note it.
-
-    A corner takes the UV of an adjacent face on its island. If no face at its vertex has one, it takes the mean of the
-    neighboring corners on the island; without any, the nearest UV.
-
-    Raises:
-        MeshError: none of the UVs is finite.
-    """
-    values = np.asarray(attribute.values)
-    finite = np.isfinite(values).all(axis=1)
-    if finite.all() or not finite.any():
-        return with_finite_values(attribute, surface)
+def _fill_from_islands(values: Floats, finite: Booleans, surface: Surface) -> tuple[Floats, Booleans]:
+    """UVs (c, 2) filled in from corners on the same island, and (c,) which are known then."""
     group = _joined_corners(values, finite, surface)
     corner, following = face_edges(surface).T
     filled, known = values.copy(), finite
@@ -79,9 +72,7 @@ def with_finite_uv(attribute: Attribute, surface: Surface) -> Attribute:
         found = ~known & (count[group] > 0)
         filled[found] = mean[group[found]]
         known = known | found
-    whole = with_finite_values(replace(attribute, values=filled), surface)
-    note = message(NOT_FINITE, count=int((~finite).sum()), total=len(values), name=attribute.name)
-    return replace(whole, notes=(*attribute.notes, note))
+    return filled, known
 
 
 def _joined_corners(values: Floats, finite: Booleans, surface: Surface) -> Integers:
