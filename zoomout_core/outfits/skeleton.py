@@ -25,7 +25,7 @@ from zoomout_core.maps.surface_map import interpolation_matrix
 from zoomout_core.mesh.affine_maps import normalise
 from zoomout_core.mesh.formats.gltf_document import free_name
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.messages import message, warning
+from zoomout_core.messages import plural, plural_warning
 from zoomout_core.transfer.dressing.body_weights import WeightedBody, follow_weights
 from zoomout_core.transfer.dressing.joint_alignment import JointPairs, align_joints
 from zoomout_core.transfer.rigging.bone_pairs import pair_bones
@@ -88,15 +88,23 @@ def bind_clothes(clothes: Asset, fit: Fit, target: Asset) -> BoundClothes:
     joints, numbers, anchors = _copy_joints(clothes, own, fit, target, pairs)
     notes = []
     if joints:
-        notes.append(message("{count} joints of the outfit were added to the avatar.", count=len(joints)))
+        notes.append(
+            plural(
+                len(joints),
+                "1 joint of the outfit was added to the avatar.",
+                "{count} joints of the outfit were added to the avatar.",
+            )
+        )
     used = np.unique(clothes.skin.weights.indices)
     lost = [clothes.skin.names[joint] for joint in used.tolist() if not own[joint] and joint not in pairs]
     if lost:
         notes.append(
-            warning(
+            plural_warning(
+                len(lost),
+                "A joint that moves the outfit, {joint}, has no partner in the avatar: its parent moves the outfit "
+                "instead; check it there.",
                 "{count} joints that move the outfit have no partner in the avatar, such as {joint}: their parents "
                 "move it instead; check the outfit there.",
-                count=len(lost),
                 joint=lost[0],
             )
         )

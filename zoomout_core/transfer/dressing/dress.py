@@ -24,7 +24,7 @@ from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import area_normals, unique_edges
-from zoomout_core.messages import warning
+from zoomout_core.messages import plural_warning
 from zoomout_core.runtime.progress import Progress, advance, listening, portion, stage
 from zoomout_core.runtime.threads import on_one_blas_thread
 from zoomout_core.transfer.dressing.contact import (
@@ -62,8 +62,8 @@ LINK = 3**-0.5
 # than the second number, at unit area. Shorter ones are hardly visible.
 STRETCHED, MIN_LENGTH = 2.0, 0.01
 
-STUCK_POINT = "1 point still intersects the skin: check it."
-STUCK_POINTS = "{count:,} points still intersect the skin: check these."
+# Notes on points that are left inside the skin.
+STUCK = "1 point still intersects the skin: check it.", "{count:,} points still intersect the skin: check these."
 
 
 @dataclass(frozen=True)
@@ -255,8 +255,7 @@ class Outfit:
                 advance(done / len(self.layers))
         found = [fit.of_vertices(self.following) for fit in self.fits]
         vertices, turns, stretched = zip(*found, strict=True)
-        template = STUCK_POINT if stuck == 1 else STUCK_POINTS
-        notes = (warning(template, count=stuck),) if stuck else ()
+        notes = (plural_warning(stuck, *STUCK),) if stuck else ()
         return Dressed(vertices, turns, stretched, notes, self)
 
 

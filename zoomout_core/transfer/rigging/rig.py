@@ -28,7 +28,7 @@ from zoomout_core.geometry.procrustes import SMALLEST, Similarities, nearest_rot
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.shapes import ShapeLike, as_surface
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.messages import Message, message
+from zoomout_core.messages import Message, plural
 from zoomout_core.runtime.threads import on_one_blas_thread
 from zoomout_core.transfer.dressing.dress import shape_of_source
 from zoomout_core.transfer.rigging.joints import MovedJoints, finite_joints
@@ -185,10 +185,12 @@ def note_on_idle_joints(names: Sequence[str], before: csr_array, after: csr_arra
     if not len(idle):
         return []
     return [
-        message(
+        plural(
+            len(idle),
+            "The joint '{joint}' moves nothing, because the target lacks its part: its place is estimated from the "
+            "other joints.",
             "{count} of {all} joints, such as '{joint}', move nothing, because the target lacks their part: their "
             "places are estimated from the other joints.",
-            count=len(idle),
             all=len(names),
             joint=names[idle[0]],
         )

@@ -22,7 +22,7 @@ from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.shapes import ShapeLike, as_surface
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import area_normals
-from zoomout_core.messages import message
+from zoomout_core.messages import message, plural
 from zoomout_core.runtime.progress import Progress, advance, listening, portion, stage
 from zoomout_core.runtime.threads import on_one_blas_thread
 from zoomout_core.transfer.blend import mask_of
@@ -250,9 +250,17 @@ def _notes(fit: Fit, turned_over: int) -> tuple[str, ...]:
     """Sentences for the user."""
     kept = fit.weight == 0
     parts = len(np.unique(fit.working.component[moves_as_a_whole(fit.working, fit.weight)]))
-    cases = (
-        (int(kept.sum()), "{count:,} vertices without a partner, or outside the mask, keep their shape."),
-        (parts, "Loose parts that follow as rigid pieces: {count}."),
-        (turned_over, "{count:,} triangles are folded over: place landmarks there, or increase Smoothness."),
+    counted = (
+        plural(
+            int(kept.sum()),
+            "1 vertex without a partner, or outside the mask, keeps its place among its neighbors.",
+            "{count:,} vertices without a partner, or outside the mask, keep their shape.",
+        ),
+        message("Loose parts that follow as rigid pieces: {count}.", count=parts),
+        plural(
+            turned_over,
+            "1 triangle is folded over: place landmarks there, or increase Smoothness.",
+            "{count:,} triangles are folded over: place landmarks there, or increase Smoothness.",
+        ),
     )
-    return tuple(message(text, count=count) for count, text in cases if count)
+    return tuple(note for note in counted if note.values["count"])
