@@ -298,7 +298,7 @@ def test_child_of_constraints_with_an_inverse_are_noted():
     child.target, child.mute, child.inverse_matrix = armature, True, Matrix.Translation((1, 0, 0))
     target, _ = other_build()
     report, _ = move(source, target, shape="keep_shape")
-    assert any("Child Of constraints of 1 bones" in str(note) for note in report["notes"])
+    assert any("The Child Of constraint of 'Upper' has the inverse" in str(note) for note in report["notes"])
 
 
 def test_the_button_binds_the_active_mesh_in_one_step():
