@@ -270,7 +270,7 @@ def test_bones_without_a_partner_are_reported():
 
     edit(other, shift)
     report = api.dress(bpy.context, body, target, [cloth])
-    assert any("such as 'Middle'" in note for note in report["notes"])
+    assert any("moves the objects, 'Middle', has no partner" in note for note in report["notes"])
     copy = bpy.data.objects[report["objects"]["Sleeve"]]
     assert "Middle" in copy.vertex_groups
 
