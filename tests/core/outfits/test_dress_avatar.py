@@ -107,26 +107,33 @@ def test_clothes_have_the_keys_of_the_body(dressed: DressedAvatar) -> None:
     assert np.linalg.norm(keys.values[:, 0] - expected, axis=1).mean() < 0.2 * np.linalg.norm(expected, axis=1).mean()
 
 
+@pytest.mark.parametrize("is_target_bare", [False, True])
 def test_joints_of_hidden_skin_have_partners(
-    parts: AvatarParts, target: Asset, monkeypatch: pytest.MonkeyPatch
+    parts: AvatarParts, target: Asset, is_target_bare: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Avatars often lack the skin below clothes, so that joints such as those of legs move clothes alone."""
     monkeypatch.setattr(humanoid, "MIN_BONES", len(HEIGHTS))
-    body, worn = parts.body, parts.worn
-    assert body.skin is not None
+    worn = parts.worn
     assert worn is not None
     assert worn.skin is not None
     assert target.skin is not None
     alike = replace(target, skin=replace(target.skin, names=tuple(HEIGHTS)))
-    weights = body.skin.weights.toarray()
-    weights[:, 1] += weights[:, 2]
-    weights[:, 2] = 0
-    bare = replace(body, skin=replace(body.skin, weights=csr_array(weights)))
+    avatar = without_head(alike) if is_target_bare else alike
     assert worn.skin.weights[:, [2]].nnz
-    found = dress_avatar(body.surface.vertices * WIDER, bare, worn, alike)
+    found = dress_avatar(parts.body.surface.vertices * WIDER, without_head(parts.body), worn, avatar)
     assert [joint.name for joint in found.joints] == list(CHAIN)
     assert found.clothes.skin is not None
     assert found.clothes.skin.weights[:, [2]].nnz
+    assert found.notes == ("3 joints of the outfit were added to the avatar.",)
+
+
+def without_head(body: Asset) -> Asset:
+    """A body whose joint of the head moves nothing."""
+    assert body.skin is not None
+    weights = body.skin.weights.toarray()
+    weights[:, 1] += weights[:, 2]
+    weights[:, 2] = 0
+    return replace(body, skin=replace(body.skin, weights=csr_array(weights)))
 
 
 def test_clothes_are_bound_to_the_joints_of_the_avatar(
