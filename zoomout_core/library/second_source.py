@@ -14,14 +14,16 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans
+from zoomout_core.assets.files import GLTF, read_asset
 from zoomout_core.library.asset_match import match_asset
 from zoomout_core.library.bodies import HULL, TIGHT_HULL, Body, LibraryAsset, analyse_body
 from zoomout_core.library.descriptor import compare
 from zoomout_core.library.found import FoundPart, FoundSource
 from zoomout_core.library.parts import PARTS, JointParts, is_covered
 from zoomout_core.library.surroundings import PartSurroundings
+from zoomout_core.matching.result import MatchResult
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.runtime.progress import stage
+from zoomout_core.runtime.progress import portion, stage
 from zoomout_core.tuning import Tuning, tuned
 
 # Bodies with all parts of a character; a main part may lack the head.
@@ -49,59 +51,66 @@ def find_second_source(
         ranked: those that were matched, the best first.
     """
     best, *others = ranked
-    by_path = {asset.path: asset for asset in assets}
-    if best.match is None or best.path not in by_path:
+    if best.path.suffix.lower() not in GLTF:
         return None
-    matches = [best.match]
-    kind = _most_similar_hull(by_path[best.path], bodies)
-    if kind is not None and not _covers(best.match.target, bodies[kind].surface):
-        with stage("Matching", 0.0, 0.25):
-            hulls = match_asset(best.path, by_path[best.path].bodies[kind], bodies[kind])
-        if hulls.match is not None:
-            matches.append(hulls.match)
-    parts = JointParts.of(best.path, matches)
-    region = None if parts is None else parts.poorest()
-    if parts is None or region is None:
+    finished = read_asset(best.path)
+    if finished.skin is None:
         return None
-    nominees = nominate(bodies, parts.body, region, by_path[best.path], assets)
-    covering = {each.path for each in others if each.match is not None and _covers(each.match.target, parts.body)}
-    for number, asset in enumerate(nominees):
-        other_kind = _most_similar_hull(asset, bodies)
-        if asset.path not in covering and other_kind is not None:
-            with stage("Matching", 0.25 * (number + 1), 0.25 * (number + 2)):
-                others.append(match_asset(asset.path, asset.bodies[other_kind], bodies[other_kind]))
-        if any(each.path == asset.path and parts.is_fitted(region, each) for each in others):
+    of_best = next(asset for asset in assets if asset.path == best.path)
+    parts = JointParts.of(best.path, finished, _cover(best, of_best, bodies))
+    region = parts.poorest()
+    if region is None:
+        return None
+    known = {each.path: each for each in others if each.match is not None and _covers(each.match.target, parts.body)}
+    for number, asset in enumerate(_nominate(bodies, parts.body, region, of_best, assets)):
+        if asset.path not in known:
+            with portion(*((number + step) / (SECOND_SOURCE.nominated + 1) for step in (1, 2))):
+                known[asset.path] = _match_hulls(asset, bodies)
+        if parts.is_fitted(region, known[asset.path]):
             break
-    return parts.find(others)
+    return parts.find(list(known.values()))
 
 
-def nominate(
+def _cover(best: FoundSource, asset: LibraryAsset, bodies: Mapping[str, Body]) -> list[MatchResult]:
+    """The match of the best source, and one of hulls if the former is of a main part that lacks others."""
+    assert best.match is not None
+    if all(_covers(best.match.target, bodies[kind].surface) for kind in HULLS):
+        return [best.match]
+    with portion(0.0, 1 / (SECOND_SOURCE.nominated + 1)):
+        whole = _match_hulls(asset, bodies).match
+    assert whole is not None
+    return [best.match, whole]
+
+
+def _nominate(
     bodies: Mapping[str, Body], body: Surface, region: Booleans, best: LibraryAsset, assets: Sequence[LibraryAsset]
 ) -> list[LibraryAsset]:
-    """The few assets whose surroundings are most similar to those in a region of a body (n,), and more than the best's.
+    """The few assets whose surroundings are the most similar to those of a region of a body (n,).
 
-    The mean difference of both hulls counts.
+    Only assets that are more similar than the best source are nominated. The differences of both hulls count: for heads
+    of women, the right asset is among the first three by their sum, but only the fourth by some tight hulls.
     """
     total = np.zeros(len(assets))
+    near = cKDTree(body.vertices)
     for kind in HULLS:
-        if kind in bodies:
-            surface = bodies[kind].surface
-            inside = region[cKDTree(body.vertices).query(surface.vertices)[1]]
-            part = PartSurroundings.of_region(analyse_body(surface), inside)
-            total += [
-                part.difference(asset.bodies[kind].surroundings) if kind in asset.bodies else np.inf
-                for asset in assets
-            ]
-    order = [assets[number] for number in np.argsort(total, kind="stable") if np.isfinite(total[number])]
-    better = order[: order.index(best)] if best in order else order
-    return better[: SECOND_SOURCE.nominated]
+        surface = bodies[kind].surface
+        inside = region[near.query(surface.vertices)[1]]
+        part = PartSurroundings.of_region(analyse_body(surface), inside)
+        total += [part.difference(asset.bodies[kind].surroundings) for asset in assets]
+    more_similar = np.flatnonzero(total < total[[asset.path for asset in assets].index(best.path)])
+    order = more_similar[np.argsort(total[more_similar], kind="stable")]
+    return [assets[number] for number in order[: SECOND_SOURCE.nominated]]
 
 
-def _most_similar_hull(asset: LibraryAsset, bodies: Mapping[str, Body]) -> str | None:
-    """The kind of hull by which an asset is most similar to a target; None if they have none in common."""
-    common = [kind for kind in HULLS if kind in asset.bodies and kind in bodies]
-    differences = {kind: compare(asset.bodies[kind].descriptor, bodies[kind].descriptor).total for kind in common}
-    return min(common, key=lambda kind: differences[kind], default=None)
+def _match_hulls(asset: LibraryAsset, bodies: Mapping[str, Body]) -> FoundSource:
+    """The match of the hulls by which an asset is the most similar to a target."""
+
+    def difference(kind: str) -> float:
+        return compare(asset.bodies[kind].descriptor, bodies[kind].descriptor).total
+
+    kind = min(HULLS, key=difference)
+    with stage("Matching"):
+        return match_asset(asset.path, asset.bodies[kind], bodies[kind])
 
 
 def _covers(body: Surface, whole: Surface) -> bool:
