@@ -130,8 +130,7 @@ class Library:
 
         Args:
             target: a surface, a point cloud or the path of a file, see `ShapeLike`.
-            compare: number of nearest assets to match, for example more to find another source for its head; by default
-                four or fewer.
+            compare: number of nearest assets to match; by default four or fewer.
             progress: called with the `Progress` from time to time, see `zoomout_core.progress`.
 
         Returns:

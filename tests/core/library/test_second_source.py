@@ -175,3 +175,14 @@ def test_the_poorest_part_is_neither_all_around_it_nor_a_small_piece() -> None:
     assert region is not None
     assert region.tolist() == [False, True, False, False]
     assert replace(parts, errors=errors / 100).poorest() is None
+
+
+def test_a_part_is_proposed_only_if_it_causes_much_of_the_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    skin: Any = SimpleNamespace(names=("Hips", "Arm"), parents=np.array([-1, 0]))
+    body: Any = SimpleNamespace(vertex_areas=np.array([0.95, 0.05]), area=1.0)
+    other = zo.FoundSource(Path("b.glb"), 0.4, 0.97, 0.05, SimpleNamespace())  # type: ignore[arg-type]
+    monkeypatch.setattr(JointParts, "_errors_of", lambda *_: np.array([1.0, 1e-6]))
+    for error_of_hips, is_proposed in ((0.001, True), (0.006, False)):
+        errors = np.array([error_of_hips, 0.006]) ** 2
+        parts = JointParts(Path("a.glb"), skin, body, np.arange(2), np.arange(2), errors)
+        assert (parts.find([other]) is not None) == is_proposed
