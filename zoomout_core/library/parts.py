@@ -86,8 +86,13 @@ class JointParts:
         return cls(path, asset.skin, body, joint, piece, errors)
 
     def poorest(self) -> Booleans | None:
-        """(n,) the part that the best source fits worst; None if it fits all of them well."""
-        poor = [part for part in self._parts() if part.error(self.errors) > PARTS.poor]
+        """(n,) the part that the best source fits worst; None if none is poor and causes much of its error."""
+
+        def is_poor(part: _Part) -> bool:
+            error = part.error(self.errors)
+            return error > PARTS.poor and error**2 * part.share > self._min_gain
+
+        poor = list(filter(is_poor, self._parts()))
         # The mean squared error is weighted by the root of the area: its integral would favour a part with all its
         # surroundings, and the mean alone a small part of it.
         return max(poor, key=lambda part: part.error(self.errors) ** 2 * part.share**0.5).inside if poor else None
@@ -103,7 +108,7 @@ class JointParts:
         if not fitting:
             return None
         errors = [self._errors_of(each) for each in fitting]
-        found, most = None, PARTS.min_gain * float(self._areas @ self.errors)
+        found, most = None, self._min_gain
         for part in self._parts():
             of_best, of_others = part.error(self.errors), [part.error(each) for each in errors]
             other = int(np.argmin(of_others))
@@ -119,6 +124,11 @@ class JointParts:
     @cached_property
     def _areas(self) -> Floats:
         return self.body.vertex_areas / self.body.area
+
+    @property
+    def _min_gain(self) -> float:
+        """The mean squared error that a second source must remove."""
+        return PARTS.min_gain * float(self._areas @ self.errors)
 
     def _errors_of(self, source: FoundSource) -> Floats:
         assert source.match is not None
