@@ -18,7 +18,7 @@ import zoomout_core as zo
 from zoomout_core.assets.files import read_asset, write_asset
 from zoomout_core.library import second_source as second_source_module
 from zoomout_core.library.bodies import HULL, TIGHT_HULL, Body, LibraryAsset, _body
-from zoomout_core.library.parts import PARTS, JointParts, _pieces
+from zoomout_core.library.parts import COVERED, PARTS, JointParts, _errors, _pieces
 from zoomout_core.library.second_source import HULLS, SECOND_SOURCE, find_second_source
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.tuning import retune
@@ -158,6 +158,10 @@ def test_hulls_are_matched_if_the_main_part_lacks_a_part(tubes: Search) -> None:
     used, corner = np.unique(kept, return_inverse=True)
     lower = [Surface(body.vertices[used], corner.reshape(-1, 3)) for body in (best, target)]
     main = found(tubes.asset("body.glb", 0.0).path, lower[0], lower[1], 0.05)
+    # Half the tube, enlarged, would fit all of it.
+    match: Any = main.match
+    errors = _errors(match, target.surface, np.zeros(len(target.vertices), dtype=int))
+    assert (errors[target.vertices[:, 1] > 0.75 * LENGTH] >= COVERED**2).all()
     part = tubes.find(target, {"head.glb": 0.6}, main)
     assert part is not None
     assert (part.path.name, part.joint) == ("head.glb", "Upper")
