@@ -171,7 +171,7 @@ def test_hulls_are_matched_if_the_main_part_lacks_a_part(tubes: Search) -> None:
 def test_the_poorest_part_is_neither_all_around_it_nor_a_small_piece() -> None:
     names, share = ("Chest", "Head", "Hand"), np.array([0.36, 0.1, 0.03, 0.51])
     # Root mean squared errors as those of a woman with another head.
-    errors = np.array([0.005, 0.0137, 0.016, 0.001]) ** 2
+    errors = np.square([0.005, 0.0137, 0.016, 0.001])
     skin: Any = SimpleNamespace(names=(*names, "Hips"), parents=np.array([3, 0, 0, -1]))
     body: Any = SimpleNamespace(vertex_areas=share, area=1.0)
     parts = JointParts(Path("a.glb"), skin, body, np.arange(4), np.arange(4), errors)
@@ -180,7 +180,7 @@ def test_the_poorest_part_is_neither_all_around_it_nor_a_small_piece() -> None:
     assert region.tolist() == [False, True, False, False]
     assert replace(parts, errors=errors / 100).poorest() is None
     # A hand is poor, but the error is mostly elsewhere.
-    assert replace(parts, errors=np.array([0.0045, 0.0045, 0.0055, 0.0045]) ** 2).poorest() is None
+    assert replace(parts, errors=np.square([0.0045, 0.0045, 0.0055, 0.0045])).poorest() is None
 
 
 def test_a_part_is_proposed_only_if_it_causes_much_of_the_error(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -189,6 +189,6 @@ def test_a_part_is_proposed_only_if_it_causes_much_of_the_error(monkeypatch: pyt
     other = zo.FoundSource(Path("b.glb"), 0.4, 0.97, 0.05, SimpleNamespace())  # type: ignore[arg-type]
     monkeypatch.setattr(JointParts, "_errors_of", lambda *_: np.array([1.0, 1e-6]))
     for error_of_hips, is_proposed in ((0.001, True), (0.006, False)):
-        errors = np.array([error_of_hips, 0.006]) ** 2
+        errors = np.square([error_of_hips, 0.006])
         parts = JointParts(Path("a.glb"), skin, body, np.arange(2), np.arange(2), errors)
         assert (parts.find([other]) is not None) == is_proposed
