@@ -83,7 +83,7 @@ def test_same_creature_ranks_first_in_any_pose_mesh_and_unit(folder: Path, targe
 
 
 def test_a_ball_is_refused_without_a_match(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(search_module, "match", None)
+    monkeypatch.setattr(asset_match_module, "match", None)
     found = zo.Library(folder).find(ball())
     assert found.best is None
     assert not found.ranked
@@ -95,7 +95,7 @@ def test_a_ball_is_refused_without_a_match(folder: Path, monkeypatch: pytest.Mon
 def test_a_part_without_a_certain_place_is_advised_to_choose_a_whole(
     is_part: bool, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(search_module, "match", None)
+    monkeypatch.setattr(asset_match_module, "match", None)
     monkeypatch.setattr(search_module, "find_wholes", lambda *_: [])
     whole = ball()
     above = whole.vertices[whole.triangles][:, :, 2].min(axis=1) > 0
