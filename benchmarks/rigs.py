@@ -18,7 +18,7 @@ from benchmarks.outfits.clothes import MADE_FOR, Body, Wardrobe
 from benchmarks.tables import NOT_SHOWN, Record, Tables, over
 from zoomout_core.arrays import Floats
 from zoomout_core.geometry.procrustes import procrustes
-from zoomout_core.library.search import misfit_of
+from zoomout_core.library.asset_match import misfit_of
 from zoomout_core.mesh.affine_maps import blend_matrices, transform_points
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 from zoomout_core.transfer.rigging.rig import Deformation, joints_of_bones, place_joints

@@ -31,6 +31,7 @@ from zoomout_core.mesh.point_cloud import PointCloud
 from zoomout_core.mesh.shapes import as_surface
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import unit_vectors
+from zoomout_core.messages import plural
 from zoomout_core.transfer import Attribute, Domain, Kind
 
 if TYPE_CHECKING:
@@ -254,14 +255,26 @@ def check_target(layer: Layer) -> None:
     twice = (layer.faces == np.roll(layer.faces, 1, axis=1)).any(axis=1).sum()
     if twice:
         raise MeshError(
-            f"Layer '{layer.label}' has {twice} faces that use a vertex twice, which MeshLab does not accept: remove "
-            "them with the filter meshing_remove_null_faces."
+            plural(
+                int(twice),
+                "Layer '{name}' has 1 face that uses a vertex twice, which MeshLab does not accept: remove it with the "
+                "filter meshing_remove_null_faces.",
+                "Layer '{name}' has {count} faces that use a vertex twice, which MeshLab does not accept: remove them "
+                "with the filter meshing_remove_null_faces.",
+                name=layer.label,
+            )
         )
     lost = (~np.isfinite(layer.vertices).all(axis=1)).sum()
     if lost:
         raise MeshError(
-            f"Layer '{layer.label}' has {lost} vertices that are not finite, which MeshLab does not accept: remove "
-            "them with the filter meshing_remove_unreferenced_vertices."
+            plural(
+                int(lost),
+                "Layer '{name}' has 1 vertex that is not finite, which MeshLab does not accept: remove it with the "
+                "filter meshing_remove_unreferenced_vertices.",
+                "Layer '{name}' has {count} vertices that are not finite, which MeshLab does not accept: remove them "
+                "with the filter meshing_remove_unreferenced_vertices.",
+                name=layer.label,
+            )
         )
 
 

@@ -41,6 +41,8 @@ except ValueError:  # tqdm reads its settings when it is imported
     ) from None
 
 NO_CACHE = "off"
+# The start of `zoomout match` that is not refined.
+NEAREST = "nearest"
 # The argument before the targets.
 SOURCE = {"source": "SOURCE"}
 
@@ -266,6 +268,10 @@ def read_options(
         wish = "--exact-landmarks" if exact_landmarks else "A start from landmarks"
         raise OptionError(f"{wish} needs --landmarks FILE, which names pairs of vertices or of points.")
     if initial not in STARTS and not Path(initial).is_file():
+        if initial == NEAREST:
+            raise OptionError(
+                "--initial nearest is a start of `zoomout match` alone: run that, and give its map as --initial."
+            )
         known = ", ".join((*STARTS, *more_starts))
         raise OptionError(f"--initial is {initial!r}: give {known}, or the file of an earlier map.")
     if (earlier_map and initial != "auto") or (common_axes and initial not in ("auto", "landmarks")):

@@ -14,12 +14,13 @@ from typing import Protocol
 import numpy as np
 from scipy.sparse.csgraph import dijkstra
 
-from zoomout_core.arrays import Booleans, Floats, Integers, to_array
+from zoomout_core.arrays import Booleans, Floats, Integers, check_counts, to_array
 from zoomout_core.maps.surface_map import SurfaceMap, folded_triangles
 from zoomout_core.mesh.input_checks import vertex_numbers
 from zoomout_core.mesh.shapes import ShapeLike, as_surface
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import edge_graph, triangle_areas, unique_edges
+from zoomout_core.runtime.option_names import suggest_names
 
 # Places whose distances are computed at once; bounds the memory.
 BLOCK = 256
@@ -34,6 +35,7 @@ class HasMap(Protocol):
     def surface_map(self) -> SurfaceMap: ...
 
 
+@suggest_names
 def geodesic_error(
     surface_map: SurfaceMap | HasMap | Integers,
     source: ShapeLike,
@@ -65,6 +67,7 @@ def geodesic_error(
         >>> bool(errors.mean() < 0.1)
         True
     """
+    check_counts(max_count=max_count)
     vertex, source = _vertex_map(surface_map), as_surface(source)
     target_vertex = vertex_numbers(target_vertex, len(vertex), "target_vertex, which comes before source_vertex,")
     source_vertex = vertex_numbers(source_vertex, len(source.vertices), "source_vertex")

@@ -2,9 +2,9 @@
 """Translatable sentences for the user, which keep their template and its values.
 
 A template is English text with named fields, such as "'{name}' has only {count} vertices.". It is the key of a
-translation, so it must be a literal in a call of `message`, `warning` or `plural`. A word that takes another article or
-ending in other languages is not a field; each needs its own template. For this an f-string may fill in a `{role}` such
-as "source" or "target" at once, and has doubled braces around fields.
+translation, so it must be a literal in a call of `message`, `warning`, `plural` or `plural_warning`. A word that takes
+another article or ending in other languages is not a field; each needs its own template. For this an f-string may fill
+in a `{role}` such as "source" or "target" at once, and has doubled braces around fields.
 """
 
 from __future__ import annotations
@@ -76,9 +76,14 @@ def note_figures(notes: Iterable[str]) -> dict[str, list[str]]:
     return {"notes": notes, "warnings": [note for note in notes if is_warning(note)]}
 
 
-def plural(count: int, one: str, several: str) -> Message:
-    """Choose the template for one, or that for another number, which may have the field `count`."""
-    return Message(one if count == 1 else several, {"count": count})
+def plural(count: int, one: str, several: str, **values: Any) -> Message:
+    """Choose the template for one, or that for another number; both may have the field `count`, and those of values."""
+    return Message(one if count == 1 else several, {"count": count, **values})
+
+
+def plural_warning(count: int, one: str, several: str, **values: Any) -> Message:
+    """Make a Message as `plural` does, about something that the user should check or do."""
+    return Message(one if count == 1 else several, {"count": count, **values}, is_warning=True)
 
 
 def probability(value: float) -> Message:

@@ -31,6 +31,7 @@ from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.shapes import ShapeLike, as_surface
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_normals
+from zoomout_core.runtime.option_names import suggest_names
 from zoomout_core.transfer.rules import Match
 
 # Sizes in a new figure in inches: the height of a surface, and a panel with axes.
@@ -196,6 +197,7 @@ def plot_functional_map(functional_map: Floats, figure: Figure | SubFigure | Non
     return _whole(drawn)
 
 
+@suggest_names
 def plot_error_curves(
     errors: Mapping[str, Floats], max_error: float = 0.25, figure: Figure | SubFigure | None = None
 ) -> Figure:

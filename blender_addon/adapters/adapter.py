@@ -13,7 +13,7 @@ from bpy.types import Mesh, Object
 
 from zoomout_core.arrays import Booleans
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.messages import message
+from zoomout_core.messages import message, plural
 from zoomout_core.runtime.progress import stage
 from zoomout_core.transfer import Attribute, Blend, map_target, transfer_along
 from zoomout_core.transfer.blend import blend
@@ -151,13 +151,19 @@ class TransferJob:
         if self.kept.any() or outside.any():
             how = replace(how, mask=(1.0 if how.mask is None else np.asarray(how.mask)) * ~(outside | self.kept))
         if self.kept.any():
-            self.remarks.add([message("{count:,} vertices without a partner keep their data.", count=self.kept.sum())])
+            note = plural(
+                int(self.kept.sum()),
+                "1 vertex without a partner keeps its data.",
+                "{count:,} vertices without a partner keep their data.",
+            )
+            self.remarks.add([note])
         if outside.any():
             names = ", ".join(f"'{self.pair.source_names[number]}'" for number in lacking)
-            note = message(
+            note = plural(
+                int(outside.sum()),
+                "{layer}: 1 vertex is on an object without this data ({sources}), and keeps its data.",
                 "{layer}: {count:,} vertices are on objects without this data ({sources}), and keep their data.",
                 layer=carried.name,
-                count=outside.sum(),
                 sources=names,
             )
             self.remarks.add([note])

@@ -16,7 +16,7 @@ from bpy.types import Context, Image, Object
 
 import zoomout_core as zo
 from zoomout_core.arrays import Floats, Integers
-from zoomout_core.messages import message, plural, sentences, warning
+from zoomout_core.messages import message, plural, plural_warning, sentences, warning
 from zoomout_core.runtime.progress import portion, stage
 from zoomout_core.transfer import Attribute, map_target, transfer_along
 from zoomout_core.transfer.mapped_target import MappedTarget
@@ -276,9 +276,10 @@ def _bake(
     notes = list[str]()
     if outside.any():
         notes.append(
-            warning(
+            plural_warning(
+                int(outside.sum()),
+                "1 triangle is outside of every UDIM tile, and was not baked: move its UVs.",
                 "{count:,} triangles are outside of every UDIM tile, and were not baked: move their UVs.",
-                count=int(outside.sum()),
             )
         )
     return {role: of_role for role, of_role in images.items() if of_role}, slots, notes

@@ -234,6 +234,12 @@ def pack_verdict(match: Match) -> dict[str, str] | None:
     return None if verdict is None else verdict._asdict()
 
 
+def is_wrong(match: Match) -> bool:
+    """Whether a match is probably wrong; False if that is not known, such as for nearest points."""
+    _, _, verdict = _judgements(match)
+    return verdict is not None and verdict.is_wrong
+
+
 def _hash_of_entries(mesh: Mesh) -> str:
     """A hash of the attributes, to detect when those of another match have replaced them."""
     return hash_of("", *(read_layer(mesh, name).attribute.values for name in MATCH_ATTRIBUTES))

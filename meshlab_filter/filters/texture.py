@@ -17,7 +17,7 @@ from meshlab_filter.layer import TEXCOORD, Layer
 from meshlab_filter.mesh_data import add_layer, check_target, custom_names, read_layer
 from meshlab_filter.parameters import COUNT, TEXT, Parameter
 from meshlab_filter.textures import Textures, image_of, pixels
-from zoomout_core.messages import warning
+from zoomout_core.messages import plural_warning
 from zoomout_core.runtime.progress import portion
 from zoomout_core.transfer import Attribute, Domain, Kind, map_target
 from zoomout_core.transfer.uv.bake import Picture, bake
@@ -88,9 +88,10 @@ def transfer_texture_by_zoomout(
     notes = [*report["notes"]]
     if outside:
         notes.append(
-            warning(
+            plural_warning(
+                outside,
+                "1 face of layer '{name}' is outside the unit square, and was not baked: move its UVs.",
                 "{count:,} faces of layer '{name}' are outside the unit square, and were not baked: move their UVs.",
-                count=outside,
                 name=target.label,
             )
         )

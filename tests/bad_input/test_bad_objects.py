@@ -299,13 +299,30 @@ def flat_source(obj: Object) -> None:
     obj.data.normals_split_custom_set(np.tile([0.6, 0, 0.8], (len(obj.data.loops), 1)).tolist())
 
 
+def with_broken_key(obj: Object) -> None:
+    obj.shape_key_add(name="Basis")
+    obj.shape_key_add(name="Up").data[3].co = np.nan, 0, 0
+
+
+def test_target_with_a_broken_loose_vertex_gets_all_data() -> None:
+    source, target = body("Source", 0), body("Target", 0)
+    source.shape_key_add(name="Basis")
+    source.shape_key_add(name="Up").data[3].co.z += 1
+    target.data.vertices.add(1)
+    target.data.vertices[-1].co = (np.nan,) * 3
+    report = api.transfer_objects(bpy.context, source, target, ["shape_keys", "custom_normals"], **NEAREST)
+    assert report["written"]["shape_keys"] == ["Up"]
+    moved = np.array([key.co[:] for key in target.data.shape_keys.key_blocks["Up"].data])
+    assert np.isfinite(moved[:-1]).all()
+
+
 # Changes to the source, the data to transfer, and the error; without one, the name of what is written.
 SOURCES: dict[str, tuple[Callable[[Object], object], str, str, str]] = {
     "custom normals on a flat object": (flat_source, "custom_normals", "custom normals: skipped", ""),
     "weights that are not numbers": (
         lambda obj: obj.vertex_groups.new(name="Bone").add(range(200), float("nan"), "REPLACE"),
         "vertex_groups",
-        "200 values that are not finite",
+        "has no finite values",
         "",
     ),
     "values that are not numbers": (
@@ -318,6 +335,18 @@ SOURCES: dict[str, tuple[Callable[[Object], object], str, str, str]] = {
         lambda obj: obj.data.attributes.new("Odd", "FLOAT", "POINT").data.foreach_set("value", np.full(200, np.inf)),
         "attributes",
         "'Odd' has no finite values",
+        "",
+    ),
+    "a shape key that is not finite": (
+        with_broken_key,
+        "attributes",
+        "'Source' cannot be used. Its shape key 'Up' is not finite",
+        "",
+    ),
+    "a location that is not finite": (
+        lambda obj: setattr(obj, "location", (np.nan, 0, 0)),
+        "attributes",
+        "'Source' cannot be used. Its location, rotation or scale is not finite",
         "",
     ),
     "nothing of what is asked for": (lambda obj: None, "uv_maps", "none of the data to transfer", ""),

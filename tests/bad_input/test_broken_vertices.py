@@ -110,7 +110,7 @@ def test_command_reports_nan_vertices(meshes: tuple[Path, Path], tmp_path: Path)
     ran = run(main, "transfer", source, tmp_path / "broken.ply", "-o", tmp_path / "out.ply", *options)
     assert ran.exit_code == 0, ran.output
     (entry,) = json.loads(ran.output[ran.output.index("{") :])["targets"]
-    assert "1 vertices of the target are not numbers: they and their faces are left out." in entry["notes"]
+    assert "1 vertex of the target is not a number: it and its faces are left out." in entry["notes"]
     assert zo.read_asset(tmp_path / "out.ply").surface.vertices.shape == (400, 3)
 
 

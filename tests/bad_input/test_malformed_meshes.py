@@ -18,7 +18,9 @@ import zoomout_core as zo
 from meshlab_filter.commands import main
 from meshlab_filter.files import load_mesh
 from meshlab_filter.mesh_data import read_layer
+from zoomout_core.cli import main as zoomout
 from zoomout_core.mesh.errors import MeshError
+from zoomout_core.mesh.formats.files import read_shape
 
 # A quad, and a triangle on its diagonal: MeshLab's search for polygons has no end.
 DIAGONAL = f"{OBJ}v 0 1 0\nf 1 2 3 4\nf 1 2 3\n".encode()
@@ -92,3 +94,36 @@ def test_missing_texture_coordinates_are_refused(corner: str, tmp_path: Path) ->
     (tmp_path / "a.obj").write_text(f"{OBJ}vt 0 0\nf 1/1 2/{corner} 3/1\n")
     with pytest.raises(MeshError, match="a face refers to a texture coordinate that is none of its 1"):
         zo.read_asset(tmp_path / "a.obj")
+
+
+@pytest.mark.parametrize("ending", ["obj", "ply", "stl", "off", "glb", "gltf"])
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (
+            "version https://git-lfs.github.com/spec/v1\noid sha256:0\n",
+            "it is a pointer of Git LFS): run `git lfs pull`",
+        ),
+        ("<!DOCTYPE html><html>404</html>", "it is a web page): download the file again"),
+    ],
+)
+def test_files_stored_in_place_of_a_mesh_are_recognised(content: str, said: str, ending: str, tmp_path: Path) -> None:
+    path = tmp_path / f"mesh.{ending}"
+    path.write_text(content)
+    for read in (read_shape, zo.read_asset):
+        with pytest.raises(MeshError, match=rf"^{path} could not be read \({re.escape(said)}"):
+            read(path)
+
+
+@pytest.mark.parametrize("fault", ["v 0 0 0", "v nan 0 1"])
+def test_file_of_an_unusable_surface_is_named(fault: str, tmp_path: Path) -> None:
+    path = tmp_path / "mesh.obj"
+    path.write_text("v 0 0 0\nv 0 0 0\n" + fault + "\nf 1 2 3\n")
+    with pytest.raises(MeshError, match=rf"^{path}: "):
+        zo.read_asset(path)
+
+
+def test_size_of_a_file_leaves_out_vertices_of_no_face(tmp_path: Path) -> None:
+    path = tmp_path / "mesh.obj"
+    path.write_text("v 0 0 0\nv 1 0 0\nv 0 2 0\nv nan 0 0\nf 1 2 3\n")
+    assert "Size 1 x 2 x 0, area 1." in run(zoomout, "info", path).output

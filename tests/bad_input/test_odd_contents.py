@@ -118,6 +118,16 @@ def test_singular_bind_matrix_is_named_where_it_is_used(joint: int, refused: boo
         assert zo.read_asset(path).surface.area > 0
 
 
+def test_bind_matrix_that_is_not_finite_is_named(tmp_path: Path) -> None:
+    tree, path = document(), tmp_path / "odd.gltf"
+    with_joints(tree)
+    matrices = np.stack([np.full((4, 4), np.nan), np.eye(4)]).astype("<f4")
+    tree["skins"][0]["inverseBindMatrices"] = add_accessor(tree, matrices, "MAT4")
+    path.write_bytes(content_of(tree))
+    with pytest.raises(MeshError, match=r"the inverse bind matrix of 'Joint 0' cannot be inverted"):
+        zo.read_asset(path)
+
+
 @pytest.mark.parametrize("strip", [[[0, 1, 2, 3]], [[0, 1, 2], [2, 1, 3]], [[0, 1, 2, -1, 2, 1, 3]], [[0, 1, 2, 3, 3]]])
 def test_strips_become_triangles(strip: list[list[int]]) -> None:
     assert strip_triangles(strip).tolist() == [[0, 1, 2], [2, 1, 3]]

@@ -69,3 +69,28 @@ def test_help_lists_nearest_only_for_match() -> None:
 def test_invalid_initial_lists_allowed_starts(meshes: tuple[Path, Path], tmp_path: Path) -> None:
     ran = run(zoomout, "match", *meshes, "-o", tmp_path / "map.npz", "--initial", "neares")
     assert "--initial is 'neares': give auto, landmarks, proximity, nearest, or the file" in ran.output
+
+
+def test_nearest_start_of_other_commands_names_the_way(meshes: tuple[Path, Path], tmp_path: Path) -> None:
+    ran = run(zoomout, "transfer", *meshes, "-o", tmp_path / "out.ply", "--initial", "nearest")
+    assert ran.exit_code == 2
+    assert (
+        "--initial nearest is a start of `zoomout match` alone: run that, and give its map as --initial." in ran.output
+    )
+
+
+@pytest.mark.parametrize(
+    ("option", "said"),
+    [
+        (("--max-distance", "1"), "--max-distance has an effect only with --initial nearest"),
+        (("--either-side",), "--either-side has an effect only with --initial nearest"),
+        (("--most-distance", "1"), "Did you mean '--max-distance'"),
+        (("--most-angle", "1"), "'--max-angle'"),
+    ],
+)
+def test_options_of_the_nearest_start_are_explained(
+    option: tuple[str, ...], said: str, meshes: tuple[Path, Path], tmp_path: Path
+) -> None:
+    ran = run(zoomout, "match", *meshes, "-o", tmp_path / "map.npz", *option)
+    assert ran.exit_code == 2
+    assert said in ran.output

@@ -172,6 +172,21 @@ WRONG: dict[str, Callable[[], object]] = {
         {"a": SURFACE, "../b": SURFACE}, template="a"
     ),
     "a number as the name of a shape": lambda: zo.match_collection({"a": SURFACE, 3: SURFACE}, template="a"),  # type: ignore[dict-item]
+    "three lists of landmarks to wrap by": lambda: zo.wrap(SAME, SURFACE, SURFACE, landmarks=([1], [2], [3])),  # type: ignore[arg-type]
+    "a parent that is not a number": lambda: zo.move_rig(SAME, SURFACE, SURFACE, np.eye(3)[:2], [np.nan, 0]),
+    "a parent of nothing": lambda: zo.move_rig(SAME, SURFACE, SURFACE, np.eye(3)[:2], [None, 0]),  # type: ignore[list-item]
+    "half a parent": lambda: zo.move_rig(SAME, SURFACE, SURFACE, np.eye(3)[:2], [-1, 0.5]),
+    "no kinds": lambda: zo.transfer_asset(zo.Asset(SURFACE), zo.Asset(SURFACE), SAME, kinds=()),
+    "a map of one axis": lambda: zo.orthonormality_error(np.ones(3)),
+    "no pairs to measure": lambda: zo.geodesic_error(SAME, SURFACE, [0], [0], max_count=0),  # type: ignore[arg-type]
+    "pairs in words": lambda: zo.match_collection({"a": SURFACE, "b": SURFACE}, pairs="some"),  # type: ignore[arg-type]
+    "a pair of three": lambda: zo.match_collection({"a": SURFACE, "b": SURFACE}, pairs=[("a", "b", "a")]),  # type: ignore[list-item]
+    "no neighbours": lambda: zo.match_collection({"a": SURFACE, "b": SURFACE}, neighbours=0),
+    "half a neighbour": lambda: zo.match_collection({"a": SURFACE, "b": SURFACE}, neighbours=1.5),  # type: ignore[arg-type]
+    "a file as the folder of a collection": lambda: zo.match_collection([SURFACE, SURFACE], __file__, pairs="all"),
+    "no folder of a library": lambda: zo.Library(None),  # type: ignore[arg-type]
+    "a single folder to read from": lambda: zo.read_asset(__file__, folders="textures"),
+    "a single input": lambda: zo.write_asset(zo.Asset(SURFACE), "a.glb", inputs="b.glb"),
     "a cloud of faces": lambda: zo.match(SURFACE, ([0, 1, 2], SURFACE.vertices)),
 }
 
@@ -224,6 +239,30 @@ def test_wrong_types_raise_one_sentence(name: str) -> None:
 def test_unknown_option_suggests_replacement(option: str, sentence: str) -> None:
     with pytest.raises(TypeError, match=sentence):
         zo.match(SURFACE, SURFACE, **{option: "fine"})  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("function", "old", "new"),
+    [
+        (zo.match_by_proximity, "most_distance", "max_distance"),
+        (zo.match_by_proximity, "most_angle", "max_angle"),
+        (zo.store_shapes, "most_bytes", "max_bytes"),
+        (zo.plotting.plot_error_curves, "most_error", "max_error"),
+        (zo.transfer_asset, "maxweights", "max_weights"),
+        (zo.wrap, "smoothnes", "smoothness"),
+        (zo.match_collection, "neighbors", "neighbours"),
+        (zo.dress, "stifness", "stiffness"),
+    ],
+)
+def test_old_or_misspelt_option_of_a_function_gets_a_suggestion(function: Any, old: str, new: str) -> None:
+    with pytest.raises(TypeError, match=rf"{function.__name__} has no option {old}: did you mean {new}\?"):
+        function(**{old: 1})
+
+
+def test_labels_may_be_an_iterator() -> None:
+    weights = csr_array(np.ones((100, 2)))
+    given = zo.Attribute("it", zo.Domain.POINT, zo.Kind.WEIGHT, weights, iter(["a", "b"]))  # type: ignore[arg-type]
+    assert zo.transfer(given, SAME, SURFACE, SURFACE).labels == ("a", "b")
 
 
 def test_unknown_kind_lists_existing_kinds() -> None:

@@ -27,11 +27,12 @@ from scenes import activate, add_uv_map, from_pydata, key_shape, set_weights, sn
 from true_match import keep_true_match
 
 import zoomout_core as zo
-from blender_addon import api, cli, jobs
+from blender_addon import api, cli, jobs, mesh_data
 from blender_addon.scene.pair import read_pair
 from blender_addon.services.transfer_report import summary
 from blender_addon.storage import stored_match
 from zoomout_core.geometry.closest_points import closest_points
+from zoomout_core.matching.report.verdict import AMBER, RED
 
 PLACES = {
     "at the origin": (None, None, None),
@@ -296,6 +297,20 @@ def test_data_of_a_bound_target_follows_the_match_that_the_bones_correct():
     assert error() < 0.7 * before
     api.transfer_objects(bpy.context, source, target, ["attributes"])  # along the match as it is stored then
     assert error() < 0.7 * before
+
+
+def test_bones_do_not_correct_a_match_that_is_probably_wrong():
+    source, armature = source_and_rig()
+    images = {}
+    for level in (AMBER, RED):
+        target, at_rest = pose_target(source, armature, name=level)
+        keep_true_match(target, at_rest + np.array([0, 0, 0.12]), verdict=zo.Verdict(level, "Doubtful.", ""))
+        before = mesh_data.read_layer(target.data, stored_match.TRIANGLE).attribute.values
+        bind(source, target)
+        after = mesh_data.read_layer(target.data, stored_match.TRIANGLE).attribute.values
+        images[level] = np.mean(before != after)
+    assert images[AMBER] > 0.2
+    assert images[RED] == 0
 
 
 def test_weights_are_limited_and_sum_to_one():

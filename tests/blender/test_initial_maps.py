@@ -44,7 +44,7 @@ def test_loose_vertex_maps_to_nearest_point_without_confidence(source, target):
     np.testing.assert_array_equal(result.confidence[:-1], 1)
     np.testing.assert_allclose(result.surface_map.interpolate(positions(source.data))[-1], [1, 0, 0], atol=0.1)
     assert result.notes == (
-        "1 vertices belong to no face of the source: mapped to the nearest point, with zero confidence.",
+        "1 vertex belongs to no face of the source: mapped to the nearest point, with zero confidence.",
     )
 
 

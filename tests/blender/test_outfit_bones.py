@@ -270,7 +270,7 @@ def test_bones_without_a_partner_are_reported():
 
     edit(other, shift)
     report = api.dress(bpy.context, body, target, [cloth])
-    assert any("such as 'Middle'" in note for note in report["notes"])
+    assert any("moves the objects, 'Middle', has no partner" in note for note in report["notes"])
     copy = bpy.data.objects[report["objects"]["Sleeve"]]
     assert "Middle" in copy.vertex_groups
 
@@ -300,3 +300,25 @@ def test_an_armature_that_cannot_be_changed_leaves_the_copies_unbound():
     copy = bpy.data.objects[report["objects"]["Sleeve"]]
     assert copy.parent == target
     assert any("is not bound to the armature of 'Source'" in note for note in report["notes"])
+
+
+def test_bones_of_hidden_skin_do_not_belong_to_the_outfit():
+    """Bodies often lack the skin below trousers, whose bones have other names in the target's armature."""
+    humanoid = ("Hips", "Spine", "Chest", "Neck", "Head")
+    of_source = *humanoid, *(f"{side}{bone}" for side in ("Left", "Right") for bone in ("UpperLeg", "LowerLeg", "Foot"))
+    of_target = (
+        "Hips",
+        "Spine",
+        "Spine1",
+        "Neck",
+        "Head",
+        *(f"{side}{bone}" for side in ("Left", "Right") for bone in ("UpLeg", "Leg", "Foot")),
+    )
+    armature, other = (rig(name, names) for name, names in (("Rig", (*of_source, "Skirt")), ("Other Rig", of_target)))
+    body, trousers = (mesh_object(name, tube(around=4, along=3)) for name in ("Body", "Trousers"))
+    whole = np.ones(len(body.data.vertices))
+    set_weights(body, "Hips", whole)
+    for bone in ("LeftUpperLeg", "Skirt"):
+        set_weights(trousers, bone, whole)
+    found = outfit_bones.read_outfit_bones(armature, other, [body], [trousers])
+    assert found.names == ("Skirt",)

@@ -50,6 +50,7 @@ TEMPLATES = {
     "as_message",
     "message",
     "plural",
+    "plural_warning",
     "sentences",
     "warning",
 }

@@ -58,7 +58,7 @@ def test_landmarks_are_written_with_a_confidence_and_a_verdict(
     code, said = run(folder / "template.ply", folder / "marks.csv", folder / "target.ply", "-o", tmp_path / "out.csv")
     assert code == 0, said
     assert said.startswith(("Green: ", "Amber: "))
-    assert "1 vertices of the target are not numbers" in said
+    assert "1 vertex of the target is not a number" in said
     found = read_landmark_file(tmp_path / "out.csv")
     truth = grow(hollow(900, 0).vertices[numbers])
     assert found.names == NAMES

@@ -23,6 +23,7 @@ from zoomout_core.messages import (
     note_figures,
     note_lines,
     plural,
+    plural_warning,
     probability,
     sentences,
     to_json,
@@ -120,6 +121,14 @@ def test_a_probability_is_never_rounded_to_certainty(value: float, text: str) ->
 @pytest.mark.parametrize(("count", "text"), [(0, "0 meshes"), (1, "1 mesh"), (2, "2 meshes")])
 def test_plural_chooses_the_template_by_count(count: int, text: str) -> None:
     assert plural(count, "1 mesh", "{count} meshes") == text
+
+
+def test_plural_fills_in_other_values_and_marks_warnings() -> None:
+    templates = "'{name}': check 1 vertex.", "'{name}': check {count:,} vertices."
+    for choose, marked in ((plural, False), (plural_warning, True)):
+        assert choose(1, *templates, name="Hero") == "'Hero': check 1 vertex."
+        assert choose(1200, *templates, name="Hero") == "'Hero': check 1,200 vertices."
+        assert is_warning(choose(2, *templates, name="Hero")) == marked
 
 
 def test_text_of_earlier_versions_is_unchanged() -> None:

@@ -165,7 +165,7 @@ def test_target_with_nan_vertex_is_refused_before_matching(pair, shapes):
     vertices = np.vstack([target.vertices, [[np.nan, 0, 0]]])
     pair.add_mesh(pymeshlab.Mesh(vertices, target.faces), "holed")
     for name in ("transfer_attributes_by_zoomout", "apply_conform_by_zoomout"):
-        check_refusal(pair, "'holed' has 1 vertices that are not finite", name, targetmesh=2)
+        check_refusal(pair, "'holed' has 1 vertex that is not finite", name, targetmesh=2)
 
 
 @pytest.mark.parametrize("name", CATALOGUE)

@@ -26,6 +26,7 @@ from zoomout_core.mesh.formats.files import OPTIONAL_READERS, read_surface
 from zoomout_core.mesh.formats.named_files import named_files
 from zoomout_core.mesh.formats.opening import existing, explain_damage
 from zoomout_core.mesh.memory import memory_in_words
+from zoomout_core.runtime.input_files import check_paths
 from zoomout_core.runtime.outputs import OutputError, atomic_write_together, is_same_file, replaces_input
 from zoomout_core.transfer.attribute import element_count
 from zoomout_core.transfer.finite import with_finite_values
@@ -61,6 +62,7 @@ def read_asset(path: str | PathLike[str], folders: Iterable[str | PathLike[str]]
         >>> len(zo.read_asset(folder / "creature.glb").surface.triangles) == len(source.triangles)
         True
     """
+    check_paths(folders, "folders")
     place = existing(path)
     reader = READERS.get(place.suffix.lower())
     with explain_damage(path):
@@ -156,6 +158,7 @@ def write_asset(
     """
     if not isinstance(asset, Asset):
         raise TypeError(f"An Asset is needed, not a {type(asset).__name__}: write a surface as zo.Asset(surface).")
+    check_paths(inputs, "inputs")
     check_format(path)
     check_avatar(asset, path)
     check_compression(path, compression)

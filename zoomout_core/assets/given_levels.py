@@ -18,11 +18,12 @@ from zoomout_core.assets.asset import UV, Asset, at_rest, in_pose_of, layers_of,
 from zoomout_core.assets.facing_normals import faces_away, turn_to_faces
 from zoomout_core.assets.fit_level import Places, closest_facing, fit_weights
 from zoomout_core.assets.level import FITTED, Level, Poses, errors_of_level, merge_places, points_in_poses
-from zoomout_core.assets.transfer_asset import place_all, skin_weights
+from zoomout_core.assets.transfer_asset import skin_weights
 from zoomout_core.geometry.closest_points import SurfaceSearch
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.memory import memory_in_words
+from zoomout_core.mesh.shapes import place_unused
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import components, triangle_areas, unique_edges, unit_vectors, vertex_normals
 from zoomout_core.messages import message
@@ -106,7 +107,7 @@ def _place_on(source: Asset, parts: Integers, level: Asset, name: str) -> _Place
     Raises:
         MeshError: the mesh is not in the place of the asset.
     """
-    surface, made = source.surface, place_all(level.surface)
+    surface, made = source.surface, place_unused(level.surface)
     first, of_vertex = merge_places(made.vertices)
     points, triangles = made.vertices[first], of_vertex[made.triangles]
     normals, edges = vertex_normals(points, triangles), unique_edges(triangles)[0]
@@ -175,7 +176,7 @@ def _complete(
     """A given mesh with all data of an asset, whose state at rest is `source`."""
     found = placed.surface_map
     match = SimpleNamespace(surface_map=found, confidence=np.ones(len(found.triangle)), has_partner=None)
-    surface, skin = place_all(at_rest(given).surface), source.skin
+    surface, skin = place_unused(at_rest(given).surface), source.skin
     mapped = map_target(match, source.surface, surface)
     if skin is not None:
         weights = _fit_given_weights(source, surface, placed, skin_weights(skin, mapped, max_weights), poses)

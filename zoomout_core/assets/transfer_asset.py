@@ -21,8 +21,8 @@ from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.affine_maps import normalise
 from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.memory import memory_in_words
-from zoomout_core.mesh.surface import Surface
 from zoomout_core.messages import enumeration, message, plural
+from zoomout_core.runtime.option_names import suggest_names
 from zoomout_core.runtime.progress import advance, portion, stage
 from zoomout_core.runtime.threads import on_one_blas_thread
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
@@ -58,6 +58,21 @@ class MatchWithLandmarks(Protocol):
     def meet_landmarks(self, surface_map: SurfaceMap) -> SurfaceMap: ...
 
 
+class ReportedVerdict(Protocol):
+    """A verdict on a match."""
+
+    @property
+    def is_wrong(self) -> bool: ...
+
+
+@runtime_checkable
+class MatchWithVerdict(Protocol):
+    """A match with a verdict; bones correct its map unless it is probably wrong."""
+
+    @property
+    def verdict(self) -> ReportedVerdict | None: ...
+
+
 class TransferredAsset(NamedTuple):
     """A target with the received data.
 
@@ -76,6 +91,7 @@ class TransferredAsset(NamedTuple):
     mapped: MappedTarget | None = None
 
 
+@suggest_names
 @memory_in_words
 @on_one_blas_thread
 def transfer_asset(
@@ -131,12 +147,14 @@ def transfer_asset(
         raise MeshError("The source has no joints to move: choose a rigged source, and transfer its skin weights.")
     if move_rig:
         _check_joints((source,) if part is None else (source, target))
-    mapped = map_target(match, source.surface, place_all(target.surface), fill_below)
+    mapped = map_target(match, source.surface, target.surface, fill_below)
     replaced = {kind_of(each) for each in chosen}
     posed, corrected = None, mapped
     if source.skin is not None:
         with stage("Finding the pose", 0, FOUND):
-            posed, corrected = _find_pose(mapped, source, source.skin, skin is not None and part is None)
+            posed, corrected = _find_pose(
+                mapped, source, source.skin, skin is not None and part is None, not _is_wrong(match)
+            )
             corrected = _meet_landmarks(corrected, mapped, match)
     with portion(0.0 if source.skin is None else FOUND, TRANSFERRED):
         attributes, notes = _transfer_attributes(chosen, replaced, target, corrected)
@@ -194,15 +212,30 @@ def _check_joints(assets: Sequence[Asset]) -> None:
             )
 
 
-def _find_pose(mapped: MappedTarget, source: Asset, skin: Skin, binds: bool) -> tuple[PosedTarget | None, MappedTarget]:
-    """The pose of a target if it is bound and not in place, and the target with the map that the bones correct."""
+def _find_pose(
+    mapped: MappedTarget, source: Asset, skin: Skin, binds: bool, corrects: bool
+) -> tuple[PosedTarget | None, MappedTarget]:
+    """The pose of a target if it is bound and not in place, and the target with the map, which the bones may correct.
+
+    Args:
+        mapped: the target over the source.
+        source: the asset with the joints.
+        skin: its skin.
+        binds: whether the target is bound to the joints.
+        corrects: whether the bones correct the map.
+    """
     rigged = source.surface.with_vertices(skin.rest), skin.weights, skin.parents
     if not binds:
-        return None, correct_by_bones(mapped, *rigged)
+        return None, correct_by_bones(mapped, *rigged) if corrects else mapped
     if is_in_place(source.surface, mapped.target):
         return None, mapped
     posed = find_pose(mapped, *rigged)
-    return posed, correct_map(mapped, posed, skin.weights)
+    return posed, correct_map(mapped, posed, skin.weights) if corrects else mapped
+
+
+def _is_wrong(match: Match) -> bool:
+    """Whether a match has a verdict, by which it is probably wrong."""
+    return isinstance(match, MatchWithVerdict) and match.verdict is not None and match.verdict.is_wrong
 
 
 def _meet_landmarks(corrected: MappedTarget, mapped: MappedTarget, match: Match) -> MappedTarget:
@@ -229,20 +262,15 @@ def _transfer_attributes(
     return tuple(received.values()), notes
 
 
-def place_all(surface: Surface) -> Surface:
-    """A surface whose vertices that are not numbers, and that no face uses, are moved among the others."""
-    broken = np.isnan(surface.vertices).any(axis=1)
-    if not broken.any():
-        return surface
-    return surface.with_vertices(np.where(broken[:, None], surface.vertices[~broken].mean(axis=0), surface.vertices))
-
-
 def select_data(source: Asset, kinds: Collection[str]) -> tuple[list[Attribute], Skin | None]:
     """Select the attributes and the skin of an asset by kind.
 
     Raises:
         MeshError: there are none.
+        ValueError: there are no kinds.
     """
+    if not kinds:
+        raise ValueError("kinds is empty: name the data to transfer.")
     chosen = [each for each in source.attributes if kind_of(each) in kinds]
     skin = source.skin if WEIGHTS in kinds else None
     if not chosen and skin is None:

@@ -56,8 +56,7 @@ REPLACED = REPORT, PAGE, MADE, PICTURES, RECORDS
 @click.option(
     "--compare",
     type=click.IntRange(min=1),
-    help="Match this many of the nearest characters, about two seconds each (default: at most 4); more of them find "
-    "another source for a part, such as the head.",
+    help="Match this many of the nearest characters, about two seconds each (default: at most 4).",
 )
 @click.option("--transfer", is_flag=True, help="Write each target with all data of its source, as `zoomout transfer`.")
 @click.option("--move-rig", is_flag=True, help="The same, and move the joints of the source into the target.")

@@ -45,7 +45,7 @@ def _figures(asset: Asset) -> dict[str, Any]:
         "parts": int(used.max(initial=-1)) + 1,
         "border_edges": len(border),
         "area": surface.area,
-        "size": np.ptp(surface.vertices, axis=0).tolist(),
+        "size": np.ptp(surface.vertices[surface.corner_vertex], axis=0).tolist(),
         "attributes": [each.name for each in asset.attributes if each.name not in (SHAPE_KEYS, MATERIALS)],
         "materials": [material.name for material in asset.materials],
         "shape_keys": [] if keys is None else list(keys.labels),

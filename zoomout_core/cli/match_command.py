@@ -13,6 +13,7 @@ import numpy as np
 from zoomout_core.assets.part_names import parts_of_file
 from zoomout_core.cli.report import json_option, match_figures, match_lines, match_notes, say
 from zoomout_core.command_options import (
+    NEAREST,
     OptionError,
     files_of_options,
     in_place_option,
@@ -36,9 +37,6 @@ from zoomout_core.messages import note_figures, note_lines
 from zoomout_core.runtime.array_files import write_arrays
 from zoomout_core.runtime.outputs import atomic_write
 from zoomout_core.runtime.progress import Outlines, Progress, listening
-
-# The start that is not refined.
-NEAREST = "nearest"
 
 
 @click.command()
@@ -91,6 +89,7 @@ def match(
                 nearest = match_by_proximity(*surfaces, **of_nearest)
             lines, figures = _save_nearest(nearest, output)
         else:
+            _check_nearest_unchanged(of_nearest)
             arguments = start_arguments(**options, more_starts=[NEAREST])
             with progress_bar(), listening(None if first_look is None else FirstLook(Path(first_look))):
                 result = match_shapes(*shapes, **arguments)
@@ -127,6 +126,14 @@ def _check_nothing_else(options: dict[str, Any]) -> None:
     for name, flag in flags.items():
         if options[name]:
             raise OptionError(f"{flag} has no effect with --initial {NEAREST}: leave one of them out.")
+
+
+def _check_nearest_unchanged(of_nearest: dict[str, Any]) -> None:
+    """Raise an OptionError if the user changed options that only a map to the nearest points takes."""
+    for name, value in of_nearest.items():
+        if value != OPTIONS[name].default:
+            flag = OPTIONS[name].name_in(Interface.COMMAND_LINE)
+            raise OptionError(f"{flag} has an effect only with --initial {NEAREST}: give that, or leave it out.")
 
 
 def _save_nearest(result: ProximityMatch, output: str) -> tuple[list[str], dict[str, Any]]:

@@ -10,6 +10,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, Literal
 
+from zoomout_core.arrays import check_counts
 from zoomout_core.collection.cycles import CYCLES, Agreement
 from zoomout_core.collection.engine import Engine, InThisProcess
 from zoomout_core.collection.pair_map import PairName, PairRecord
@@ -24,7 +25,8 @@ from zoomout_core.matching.report.verdict import Verdict, judge
 from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.files import write_shape
 from zoomout_core.mesh.shapes import ShapeLike, as_shape, as_surface
-from zoomout_core.runtime.outputs import is_same_file
+from zoomout_core.runtime.option_names import suggest_names
+from zoomout_core.runtime.outputs import is_same_file, make_folder
 from zoomout_core.runtime.progress import Progress, listening, portion
 
 
@@ -83,6 +85,7 @@ class CollectionResult:
         return judge(self.trust(pair), self.records[pair].faults)
 
 
+@suggest_names
 def match_collection(
     shapes: Sequence[ShapeLike] | Mapping[str, ShapeLike],
     folder: str | PathLike[str] | None = None,
@@ -134,6 +137,8 @@ def match_collection(
         raise MeshError(
             "Give exactly one of a template, pairs and a number of neighbours to choose which shapes are matched."
         )
+    if neighbours is not None:
+        check_counts(neighbours=neighbours)
     options = MatchOptions() if options is None else options
     if options.landmarks is not None or options.initial_map is not None or options.regions is not None:
         raise ValueError("Landmarks, regions and initial maps belong to a single pair: match that pair on its own.")
@@ -203,7 +208,7 @@ def _as_files(shapes: Sequence[ShapeLike] | Mapping[str, ShapeLike], folder: Pat
             continue
         if not isinstance(name, str) or "\\" in name or Path(name).name != name or not name.strip("."):
             raise MeshError(f"A shape is named {name!r:.60}: its files need a name, without slashes.")
-        folder.mkdir(parents=True, exist_ok=True)
+        make_folder(folder)
         files.append(folder / f"{name}.ply")
         write_shape(as_shape(shape), files[-1])
     return files
@@ -233,10 +238,14 @@ def _chosen_pairs(
         return pairs_with_template(template, list(items))
     if pairs == "all":
         return all_pairs(list(items))
+    if isinstance(pairs, str):
+        raise MeshError(f"pairs is {pairs!r:.60}: give 'all', or a list of pairs of names, the source first.")
     return None if pairs is None else [_known_pair(pair, items) for pair in pairs]
 
 
 def _known_pair(pair: tuple[str, str], items: Mapping[str, Item]) -> PairName:
+    if isinstance(pair, str) or len(pair) != 2:
+        raise MeshError(f"A pair is {pair!r:.60}: give the names of a source and a target.")
     for name in pair:
         if name not in items:
             raise MeshError(f"The collection has no shape named {name}: give its file name without the extension.")

@@ -30,7 +30,7 @@ from zoomout_core.collection.tasks import (
 )
 from zoomout_core.matching.options import MatchOptions
 from zoomout_core.runtime.array_files import ArrayFileError
-from zoomout_core.runtime.outputs import write_whole
+from zoomout_core.runtime.outputs import make_folder, write_whole
 from zoomout_core.runtime.progress import portion
 
 _log = logging.getLogger(__name__)
@@ -64,7 +64,7 @@ class CollectionRun:
         self.seconds_of_shapes: dict[str, float] = {}
         self.matched = 0
         self._summary = lru_cache(KEPT)(lambda name: ShapeSummary.load(self.folder / place_of_shape(name)))
-        self.folder.mkdir(parents=True, exist_ok=True)
+        make_folder(self.folder)
         self._shared = engine.sees([self.folder, *(item.path for item in items.values() if item.path.exists())])
         results = self.folder if self._shared else None
         kept = None if cache is None else Path(cache).absolute()

@@ -23,6 +23,7 @@ from zoomout_core.mesh.formats.files import read_surface
 from zoomout_core.mesh.shapes import ShapeLike, as_surface
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.messages import NO_MEMORY
+from zoomout_core.runtime.input_files import check_path
 from zoomout_core.runtime.outputs import OutputError
 from zoomout_core.runtime.progress import Progress, listening, portion, renaming
 from zoomout_core.runtime.threads import on_one_blas_thread
@@ -63,6 +64,7 @@ class Library:
 
     Raises:
         MeshError: there is no such folder.
+        TypeError: it is neither a string nor a path.
 
     Example:
         >>> notes = zo.write_asset(zo.Asset(source), folder / "hero.ply")
@@ -76,6 +78,7 @@ class Library:
     def __init__(
         self, folder: str | PathLike[str], index: str | PathLike[str] | None = None, blender: str | None = None
     ) -> None:
+        check_path(folder, "folder")
         self.folder = Path(folder)
         if not self.folder.is_dir():
             raise MeshError("There is no folder {folder}: check the path.", folder=folder)
@@ -130,8 +133,7 @@ class Library:
 
         Args:
             target: a surface, a point cloud or the path of a file, see `ShapeLike`.
-            compare: number of nearest assets to match, for example more to find another source for its head; by default
-                four or fewer.
+            compare: number of nearest assets to match; by default four or fewer.
             progress: called with the `Progress` from time to time, see `zoomout_core.progress`.
 
         Returns:

@@ -3,20 +3,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from zoomout_core.library.bodies import MAIN_PART, Body, LibraryAsset, bodies_of, match_options, may_be_part
+from zoomout_core.library.asset_match import match_asset
+from zoomout_core.library.bodies import MAIN_PART, Body, LibraryAsset, bodies_of, may_be_part
 from zoomout_core.library.descriptor import Difference, compare
 from zoomout_core.library.found import FIT, FoundSource, FoundSources
-from zoomout_core.library.parts import find_part
+from zoomout_core.library.second_source import find_second_source
 from zoomout_core.library.wholes import find_wholes
-from zoomout_core.matching.pipeline import match
-from zoomout_core.matching.ranking.scores import SCORES
-from zoomout_core.matching.result import MatchResult
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.messages import Message, message, probability, sentences
 from zoomout_core.runtime.progress import portion, stage
@@ -46,6 +44,8 @@ UNCERTAIN = "the best map onto it is only {certainty} certain"
 # Misfit that equals a difference of one when found assets are sorted. Assets with the same body have equal maps, and
 # differ in their clothes only.
 TIE = 0.001
+# Fraction of the progress at which the search for a second source begins.
+RANKED = 0.75
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class SearchTuning(Tuning, set_by="library"):
 SEARCH = SearchTuning()
 
 
-def search(target: Surface, assets: Sequence[LibraryAsset], compare: int | None = None) -> FoundSources:
+def search(target: Surface, assets: Iterable[LibraryAsset], compare: int | None = None) -> FoundSources:
     """Find the assets that fit a target.
 
     Args:
@@ -74,6 +74,7 @@ def search(target: Surface, assets: Sequence[LibraryAsset], compare: int | None 
     Raises:
         MeshError: the target cannot be analysed.
     """
+    assets = list(assets)
     if not assets:
         return FoundSources((), None, message(NO_ASSETS))
     with portion(0.0, 0.2):
@@ -96,16 +97,18 @@ def search(target: Surface, assets: Sequence[LibraryAsset], compare: int | None 
     chosen = [each for each in closest if each.difference.total <= limit]
     found = []
     for number, each in enumerate(chosen):
-        with stage("Matching", *(begin + (1 - begin) * each / len(chosen) for each in (number, number + 1))):
-            result = match(each.source.surface, each.target.surface, match_options())
-        source = FoundSource(each.path, each.difference.total, result.certainty, misfit_of(result), result)
+        with stage("Matching", *(begin + (RANKED - begin) * each / len(chosen) for each in (number, number + 1))):
+            source = match_asset(each.path, each.source, each.target)
         found.append(((not source.fits, source.misfit + TIE * each.overall), source))
     ranked = tuple(source for _, source in sorted(found, key=lambda pair: pair[0]))
     nearest_path = ranked[0].path if ranked else nearest.path
     refusal = _refusal(ranked, nearest)
     if refusal and is_open:
         refusal = sentences(refusal, message(ONLY_A_PART))
-    return FoundSources(ranked, nearest_path, refusal, find_part(ranked))
+    if refusal:
+        return FoundSources(ranked, nearest_path, refusal)
+    with portion(RANKED, 1.0):
+        return FoundSources(ranked, nearest_path, refusal, find_second_source(bodies, assets, ranked))
 
 
 def _search_wholes(part: Body, assets: Sequence[LibraryAsset], count: int | None) -> tuple[FoundSource, ...] | None:
@@ -147,14 +150,6 @@ def _closest(compared: Sequence[_Compared], count: int) -> list[_Compared]:
     first = sorted(compared, key=lambda each: each.difference.total)
     closest, rest = first[: max(count - 1, 1)], first[max(count - 1, 1) :]
     return closest + sorted(rest, key=lambda each: each.overall)[: count - len(closest)]
-
-
-def misfit_of(result: MatchResult) -> float:
-    """The weighted geometric mean of the errors that rank the candidates of a match."""
-    weights = (
-        SCORES.place + SCORES.facing + SCORES.commutativity + SCORES.frequency + SCORES.distance + SCORES.curvature
-    )
-    return float(np.exp(result.candidates[result.chosen].scores["total"] / weights))
 
 
 def _refusal(ranked: Sequence[FoundSource], nearest: _Compared) -> str:

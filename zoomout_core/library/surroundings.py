@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
-from zoomout_core.arrays import Floats, SingleFloats
+from zoomout_core.arrays import Booleans, Floats, SingleFloats
 from zoomout_core.matching.partial.incomplete_shape import IncompleteShape
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 from zoomout_core.tuning import Tuning, tuned
@@ -94,6 +94,14 @@ class PartSurroundings:
         known = (_radii() < part.cut_distance[:, None]).astype(np.float32)
         return cls(surroundings_of(shape), known, part.areas)
 
+    @classmethod
+    def of_region(cls, shape: ShapeAnalysis, inside: Booleans) -> PartSurroundings:
+        """Those of a region of an analysed shape: its vertices (n,) are known, and all others are cut off."""
+        own = inside[shape.search.samples[: len(shape.distances)]]
+        cut_distance = shape.distances[own][:, ~inside].min(axis=1, initial=np.inf)
+        known = (_radii() < cut_distance[:, None]).astype(np.float32)
+        return cls(surroundings_of(shape)[own], known, IncompleteShape(shape).areas[own])
+
     @cached_property
     def variation(self) -> float:
         """The mean difference of all places from their mean; 0 for a sphere, which fits any round place."""
@@ -107,12 +115,12 @@ class PartSurroundings:
 
     def compare(self, whole: SingleFloats) -> PartDifference:
         """Compare them with those of a whole (e, r, 4): each place with the most similar one, at the best scale."""
-        means = [self._difference(whole, step) for step in range(SURROUNDINGS.scales)]
+        means = [self.difference(whole, step) for step in range(SURROUNDINGS.scales)]
         best = int(np.argmin(means))
         return PartDifference(means[best], SURROUNDINGS.growth**-best)
 
-    def _difference(self, whole: SingleFloats, step: int) -> float:
-        """The mean difference if the part is scaled down by a number of steps."""
+    def difference(self, whole: SingleFloats, step: int = 0) -> float:
+        """The mean difference if the part is scaled down by a number of steps; infinite if too few radii are known."""
         used = slice(step + SURROUNDINGS.first, None)
         own, known = self.features[:, used], self.known[:, used]
         other = whole[:, SURROUNDINGS.first : SURROUNDINGS.first + own.shape[1]]

@@ -194,7 +194,7 @@ def orthonormality_error(functional_map: Floats) -> float:
         >>> zo.orthonormality_error(np.eye(10))
         0.0
     """
-    energy = 0.0
+    functional_map, energy = check_functional_map(functional_map), 0.0
     for k in range(1, min(functional_map.shape) + 1):
         block = functional_map[:k, :k]
         energy += float(np.linalg.norm(block.T @ block - np.eye(k)) ** 2) / k

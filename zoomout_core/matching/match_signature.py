@@ -3,21 +3,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, fields
-from difflib import get_close_matches
-from functools import wraps
 from inspect import Parameter, signature
-from typing import ParamSpec, Protocol, TypeVar, cast, overload
+from typing import ParamSpec, Protocol, cast, overload
 
 from zoomout_core.matching.options import MatchOptions
 from zoomout_core.matching.presets import DETAIL, sizes_in_words
 from zoomout_core.matching.result import MatchResult
 from zoomout_core.mesh.shapes import ShapeLike
+from zoomout_core.runtime.option_names import check_option_names
 from zoomout_core.runtime.progress import Progress
 
 Arguments = ParamSpec("Arguments")
-Returned = TypeVar("Returned")
 
 # The line in the docstring of `match` that is replaced by the options.
 GIVEN = "        given: options as keyword arguments; they override `options`.\n"
@@ -43,27 +41,7 @@ def check_names(given: Iterable[str]) -> None:
         if name == "detail":
             sizes = "; ".join(f"{word}: {sizes_in_words(word)}" for word in DETAIL)
             raise TypeError(f"match has no option detail: give its sizes, such as k_final=200 ({sizes}).")
-    _check_names("match", given, known)
-
-
-def _check_names(function: str, given: Iterable[str], known: Sequence[str]) -> None:
-    for name in given:
-        if name not in known:
-            near = get_close_matches(name, known, 1)
-            hint = f"did you mean {near[0]}?" if near else f"choose from {', '.join(known)}."
-            raise TypeError(f"{function} has no option {name}: {hint}")
-
-
-def suggest_names(function: Callable[Arguments, Returned]) -> Callable[Arguments, Returned]:
-    """Make a function reject an unknown keyword argument with a TypeError that suggests the most similar one."""
-    known = list(signature(function).parameters)
-
-    @wraps(function)
-    def wrapper(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Returned:
-        _check_names(function.__name__, kwargs, known)
-        return function(*args, **kwargs)
-
-    return wrapper
+    check_option_names("match", given, known)
 
 
 class MatchFunction(Protocol[Arguments]):

@@ -23,6 +23,7 @@ from zoomout_core.mesh.shapes import ShapeLike, as_surface
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import border_edges, unit_vectors, vertex_areas
 from zoomout_core.messages import message
+from zoomout_core.runtime.option_names import suggest_names
 from zoomout_core.runtime.progress import stage
 
 # Notes on vertices without a partner.
@@ -54,6 +55,7 @@ class ProximityMatch:
         return self.confidence > 0
 
 
+@suggest_names
 @memory_in_words
 def match_by_proximity(
     source: ShapeLike,

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from zoomout_core.arrays import Booleans, Floats, Integers, fill_masked, to_array
 from zoomout_core.mesh.errors import MeshError
+from zoomout_core.messages import plural
 
 # Larger coordinates overflow when areas are squared.
 MAX_COORDINATE = 1e75
@@ -160,10 +161,13 @@ def check_faces(vertices: Floats, corner_vertex: Integers, face_start: Integers)
     usable = measurable(vertices)
     if not usable.all() and len(broken := np.unique(corner_vertex[~usable[corner_vertex]])):
         raise MeshError(
-            "{count:,} vertices have coordinates that are not finite or far too large (the first is "
-            "vertex {vertex}): remove or repair them.",
-            count=len(broken),
-            vertex=broken[0],
+            plural(
+                len(broken),
+                "Vertex {vertex} has coordinates that are not finite or far too large: remove or repair it.",
+                "{count:,} vertices have coordinates that are not finite or far too large (the first is "
+                "vertex {vertex}): remove or repair them.",
+                vertex=broken[0],
+            )
         )
     _check_distances(vertices, corner_vertex, face_start)
 

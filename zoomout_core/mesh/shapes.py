@@ -6,11 +6,13 @@ from __future__ import annotations
 from os import PathLike
 from typing import TypeAlias
 
+import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
 from zoomout_core.arrays import Floats
 from zoomout_core.mesh.formats.files import read_shape
+from zoomout_core.mesh.input_checks import measurable
 from zoomout_core.mesh.library_shapes import LibraryShape, library_shape
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.mesh.point_cloud import PointCloud
@@ -58,6 +60,22 @@ def as_surface(shape: ShapeLike) -> Surface:
     """
     found = as_shape(shape)
     return found.surface if isinstance(found, PointCloud) else found
+
+
+def as_placed_surface(shape: ShapeLike) -> Surface:
+    """Convert a user's shape to a surface, all of whose vertices have a position; see `as_surface`, `place_unused`."""
+    return place_unused(as_surface(shape))
+
+
+def place_unused(surface: Surface) -> Surface:
+    """A surface whose vertices that are not finite or far too large are moved to the centre of the others.
+
+    No face uses them, so that its shape stays the same, and searches for nearest vertices work.
+    """
+    placed = measurable(surface.vertices)
+    if placed.all():
+        return surface
+    return surface.with_vertices(np.where(placed[:, None], surface.vertices, surface.vertices[placed].mean(axis=0)))
 
 
 def from_working(shape: Surface | PointCloud, values: Floats) -> Floats:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Bind clothes of one avatar to the joints of another one.
 
-Joints that move only clothes, such as those of skirts, ribbons and hair, are added to the other avatar. All others are
-replaced by their partners: those of the same humanoid bone, name or place.
+Joints that move only clothes, such as those of skirts, ribbons and hair, are added to the other avatar. All others, and
+humanoid bones of both avatars, are replaced by their partners: those of the same humanoid bone, name or place.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ from zoomout_core.maps.surface_map import interpolation_matrix
 from zoomout_core.mesh.affine_maps import normalise
 from zoomout_core.mesh.formats.gltf_document import free_name
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.messages import message, warning
+from zoomout_core.messages import plural, plural_warning
 from zoomout_core.transfer.dressing.body_weights import WeightedBody, follow_weights
 from zoomout_core.transfer.dressing.joint_alignment import JointPairs, align_joints
-from zoomout_core.transfer.rigging.bone_pairs import pair_bones
+from zoomout_core.transfer.rigging.bone_pairs import pair_bones, same_humanoid
 from zoomout_core.transfer.rigging.joint_map import RiggedBody
 from zoomout_core.transfer.rigging.joints import motions_around, move_joints
 from zoomout_core.transfer.rigging.poses import parents_first
@@ -83,20 +83,30 @@ def bind_clothes(clothes: Asset, fit: Fit, target: Asset) -> BoundClothes:
         return BoundClothes(replace(clothes, skin=None))
     if clothes.skin is None or clothes.document is None or fit.body.skin is None:
         return BoundClothes(replace(clothes, skin=_skin_of_body(clothes.surface, target.surface, target.skin)))
-    own = _moving(clothes.skin) & ~_moving(fit.body.skin)
-    pairs = _pair_joints(clothes, own, fit, target)
+    humanoid, other_humanoid = _humanoid_joints(clothes, target)
+    # Avatars often lack the skin below their clothes: joints of legs may move only the trousers.
+    own = _moving(clothes.skin) & ~_moving(fit.body.skin) & ~humanoid
+    pairs = _pair_joints(clothes, own, fit, target, _moving(target.skin) | other_humanoid)
     joints, numbers, anchors = _copy_joints(clothes, own, fit, target, pairs)
     notes = []
     if joints:
-        notes.append(message("{count} joints of the outfit were added to the avatar.", count=len(joints)))
+        notes.append(
+            plural(
+                len(joints),
+                "1 joint of the outfit was added to the avatar.",
+                "{count} joints of the outfit were added to the avatar.",
+            )
+        )
     used = np.unique(clothes.skin.weights.indices)
     lost = [clothes.skin.names[joint] for joint in used.tolist() if not own[joint] and joint not in pairs]
     if lost:
         notes.append(
-            warning(
+            plural_warning(
+                len(lost),
+                "A joint that moves the outfit, {joint}, has no partner in the avatar: its parent moves the outfit "
+                "instead; check it there.",
                 "{count} joints that move the outfit have no partner in the avatar, such as {joint}: their parents "
                 "move it instead; check the outfit there.",
-                count=len(lost),
                 joint=lost[0],
             )
         )
@@ -154,11 +164,29 @@ def _moving(skin: Skin) -> Booleans:
     return moving
 
 
-def _pair_joints(clothes: Asset, own: Booleans, fit: Fit, target: Asset) -> dict[int, int]:
-    """The avatar's joint for each joint of the clothes that has a partner and does not move clothes alone."""
+def _humanoid_joints(clothes: Asset, target: Asset) -> tuple[Booleans, Booleans]:
+    """The joints (b,) of the outfit and (b_t,) of the avatar that are the same humanoid bones."""
+    bones, others = (
+        skeleton_of(each, np.arange(len(each.skin.names)), _heads(each))  # type: ignore[union-attr]
+        for each in (clothes, target)
+    )
+    pairs = same_humanoid(bones, others)
+    return np.isin(bones.names, list(pairs)), np.isin(others.names, list(pairs.values()))
+
+
+def _pair_joints(clothes: Asset, own: Booleans, fit: Fit, target: Asset, free: Booleans) -> dict[int, int]:
+    """The avatar's joint for each joint of the clothes that has a partner and does not move clothes alone.
+
+    Args:
+        clothes: the clothes.
+        own: (b,) their joints that move them alone.
+        fit: their fit.
+        target: the body of the avatar.
+        free: (b_t,) joints of the avatar that may be partners.
+    """
     size = float(np.ptp(target.surface.vertices, axis=0).max())
     heads = move_joints(fit.body.surface, fit.shape, _heads(clothes)).positions
-    sides = [(clothes, ~own, heads), (target, _moving(target.skin), _heads(target))]  # type: ignore[arg-type]
+    sides = [(clothes, ~own, heads), (target, free, _heads(target))]
     chosen = [np.flatnonzero(kept) for _, kept, _ in sides]
     bones, others = (
         skeleton_of(asset, joints, places) for (asset, _, places), joints in zip(sides, chosen, strict=True)

@@ -29,10 +29,16 @@ class ExpansionError(FormatError):
     """Compressed data that expands too far; the message says how far, without the name of the file."""
 
 
-def check_path(path: object) -> None:
+def check_path(path: object, what: str = "file") -> None:
     """Raise a TypeError unless a user's path is a string or a path."""
     if not isinstance(path, str | os.PathLike):
-        raise TypeError(f"Give the file as a string or a path, not as a {type(path).__name__}.")
+        raise TypeError(f"Give the {what} as a string or a path, not as a {type(path).__name__}.")
+
+
+def check_paths(paths: object, what: str) -> None:
+    """Raise a TypeError if a user's list of paths, of the name `what`, is a single path, whose letters are no paths."""
+    if isinstance(paths, str | os.PathLike) or not isinstance(paths, Iterable):
+        raise TypeError(f"{what} is {paths!r:.60}: give a list of paths.")
 
 
 def open_regular(path: str | os.PathLike[str]) -> BinaryIO:

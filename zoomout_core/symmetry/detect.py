@@ -21,7 +21,6 @@ from zoomout_core.maps.functional_map import commutativity_error, orthonormality
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.attempt import ATTEMPTS, Attempt
 from zoomout_core.matching.components.lift import lift
-from zoomout_core.matching.match_signature import suggest_names
 from zoomout_core.matching.options import check_sizes
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
@@ -36,6 +35,7 @@ from zoomout_core.mesh.shapes import ShapeLike, as_surface
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_areas
 from zoomout_core.messages import probability
+from zoomout_core.runtime.option_names import suggest_names
 from zoomout_core.runtime.progress import Progress, listening, portion, stage
 from zoomout_core.runtime.threads import for_each, on_one_blas_thread, side_by_side
 from zoomout_core.symmetry.hypotheses import GENERATORS

@@ -89,6 +89,7 @@ class Attribute:
                     f"{choice}.{_member_name(given, enumeration)}."
                 )
         object.__setattr__(self, "values", fill_masked(self.values))
+        object.__setattr__(self, "labels", tuple(self.labels))
 
 
 def _member_name(given: object, enumeration: type[Enum]) -> str:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -13,7 +14,7 @@ from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.input_checks import measurable
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.messages import message
-from zoomout_core.transfer.attribute import Attribute, Domain, mean_over_vertices
+from zoomout_core.transfer.attribute import Attribute, Domain, Kind, mean_over_vertices
 from zoomout_core.transfer.cut_mesh import CUT_TOLERANCE, adjacent_edges, face_edges
 from zoomout_core.transfer.groups import label_groups
 
@@ -28,44 +29,68 @@ def places_of(domain: Domain, surface: Surface) -> Floats:
 
 
 def with_finite_values(attribute: Attribute, surface: Surface) -> Attribute:
-    """Replace values that are not finite by those of the nearest places on a surface, and note it.
+    """Replace values that are not finite by those around them, and note it.
+
+    A corner without a UV takes that of an adjacent face on its island. If no face at its vertex has one, it takes the
+    mean of the neighboring corners on the island. Offsets take those of the same key at the nearest vertex. Other
+    values, and UVs without any around them, take the nearest ones.
+
+    If one column of another element is not finite, all of its columns are replaced.
 
     Raises:
-        MeshError: none of the attribute's values is finite.
+        MeshError: none of the values of the attribute, or of a key, is finite.
     """
-    values = np.asarray(attribute.values)
+    given: Any = attribute.values
+    values: Any = given.tocsr() if hasattr(given, "tocsr") else np.asarray(given)
     if values.dtype.kind != "f":
         return attribute
-    finite = np.isfinite(values.reshape(len(values), -1)).all(axis=1)
+    finite = np.isfinite(values).all(axis=2) if attribute.kind is Kind.OFFSET else _finite_rows(values)
     if finite.all():
         return attribute
-    places = places_of(attribute.domain, surface)
-    somewhere = measurable(places)
-    known = np.flatnonzero(finite & somewhere)
-    if not len(known):
-        raise MeshError("'{name}' has no finite values: correct them.", name=attribute.name)
-    filled = values.copy()
-    unknown = np.flatnonzero(~finite)
-    # Elements without a position belong to no face, and take any value.
-    at = np.where(somewhere[unknown, None], places[unknown], 0)
-    filled[unknown] = values[known[cKDTree(places[known]).query(at)[1]]]
-    note = message(NOT_FINITE, count=len(unknown), total=len(values), name=attribute.name)
+    if attribute.kind is Kind.OFFSET:
+        filled = values.copy()
+        for key in np.flatnonzero(~finite.all(axis=0)):
+            filled[:, key] = values[_nearest_finite(finite[:, key], attribute, surface), key]
+    elif attribute.kind is Kind.UV and finite.any():
+        filled, known = _fill_from_islands(values, finite, surface)
+        filled = filled[_nearest_finite(known, attribute, surface)]
+    else:
+        filled = values[_nearest_finite(finite, attribute, surface)]
+    note = message(NOT_FINITE, count=int((~finite).sum()), total=finite.size, name=attribute.name)
     return replace(attribute, values=filled, notes=(*attribute.notes, note))
 
 
-def with_finite_uv(attribute: Attribute, surface: Surface) -> Attribute:
-    """Replace UVs (c, 2) that are not finite by those around them on the same island, and note it.
+def _finite_rows(values: Any) -> Booleans:
+    """(count,) which rows of values (count, ...), an array or a csr_array, are finite."""
+    if isinstance(values, np.ndarray):
+        return np.asarray(np.isfinite(values.reshape(len(values), -1)).all(axis=1))
+    broken = np.flatnonzero(~np.isfinite(values.data))
+    row = np.searchsorted(values.indptr, broken, side="right") - 1
+    return np.isin(np.arange(len(values.indptr) - 1), row, invert=True)
 
-    A corner takes the UV of an adjacent face on its island. If no face at its vertex has one, it takes the mean of the
-    neighboring corners on the island; without any, the nearest UV.
+
+def _nearest_finite(finite: Booleans, attribute: Attribute, surface: Surface) -> Integers:
+    """(count,) the nearest element with a finite value for each element (count,), itself if its own is finite.
 
     Raises:
-        MeshError: none of the UVs is finite.
+        MeshError: there is none.
     """
-    values = np.asarray(attribute.values)
-    finite = np.isfinite(values).all(axis=1)
-    if finite.all() or not finite.any():
-        return with_finite_values(attribute, surface)
+    places = places_of(attribute.domain, surface)
+    somewhere = measurable(places)
+    known, unknown = np.flatnonzero(finite & somewhere), np.flatnonzero(~finite)
+    nearest = np.arange(len(finite))
+    if not len(unknown):
+        return nearest
+    if not len(known):
+        raise MeshError("'{name}' has no finite values: correct them.", name=attribute.name)
+    # Elements without a position belong to no face, and take any value.
+    at = np.where(somewhere[unknown, None], places[unknown], 0)
+    nearest[unknown] = known[cKDTree(places[known]).query(at)[1]]
+    return nearest
+
+
+def _fill_from_islands(values: Floats, finite: Booleans, surface: Surface) -> tuple[Floats, Booleans]:
+    """UVs (c, 2) filled in from corners on the same island, and (c,) which are known then."""
     group = _joined_corners(values, finite, surface)
     corner, following = face_edges(surface).T
     filled, known = values.copy(), finite
@@ -79,9 +104,7 @@ def with_finite_uv(attribute: Attribute, surface: Surface) -> Attribute:
         found = ~known & (count[group] > 0)
         filled[found] = mean[group[found]]
         known = known | found
-    whole = with_finite_values(replace(attribute, values=filled), surface)
-    note = message(NOT_FINITE, count=int((~finite).sum()), total=len(values), name=attribute.name)
-    return replace(whole, notes=(*attribute.notes, note))
+    return filled, known
 
 
 def _joined_corners(values: Floats, finite: Booleans, surface: Surface) -> Integers:

@@ -10,6 +10,7 @@ import numpy as np
 
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.mesh.shapes import place_unused
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import edge_lengths, triangle_areas
 from zoomout_core.transfer.attribute import Domain, mean_over_vertices
@@ -46,7 +47,7 @@ class FaceSamples:
 
 @dataclass(frozen=True, eq=False)
 class MappedTarget:
-    """The target mapped over the source."""
+    """The target mapped over the source; vertices without a usable position are placed, see `place_unused`."""
 
     source: Surface  # the surface with the data
     target: Surface  # the surface that receives it
@@ -54,6 +55,10 @@ class MappedTarget:
     confidence: Floats  # (n_t,) confidence of the map, in [0, 1]
     fill_below: float | None = None  # vertices of less confidence are filled in from the others; None for none
     has_partner: Booleans | None = None  # (n_t,) which have a partner, others are filled in; None for all
+
+    def __post_init__(self) -> None:
+        for name in ("source", "target"):
+            object.__setattr__(self, name, place_unused(getattr(self, name)))
 
     @cached_property
     def points(self) -> Floats:

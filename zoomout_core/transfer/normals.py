@@ -65,7 +65,7 @@ def turn_normals(attribute: Attribute, mapped: MappedTarget) -> Attribute:
 
 
 def _are_flat(normals: Floats, surface: Surface) -> Booleans:
-    """(f,) whether faces are shaded flat: at all their edges that turn, their corner normals (c, 3) jump."""
+    """(f,) whether faces are shaded flat: corner normals (c, 3) are their own, and jump at all edges that turn."""
     first, second = adjacent_edges(surface)
     faces = surface.corner_face[first[:, 0]], surface.corner_face[second[:, 0]]
     of_face = outward_normals(surface, Domain.FACE)
@@ -77,7 +77,8 @@ def _are_flat(normals: Floats, surface: Surface) -> Booleans:
         np.bincount(np.concatenate([face[chosen] for face in faces]), minlength=count)
         for chosen in (turns & is_hard, turns & ~is_hard)
     )
-    return np.asarray((hard > 0) & (smooth == 0))
+    own = np.minimum.reduceat(_cosines(normals, of_face[surface.corner_face]), surface.face_start[:-1])
+    return np.asarray((hard > 0) & (smooth == 0) & (own > np.cos(np.radians(LARGEST_TILT))))
 
 
 def _flatten(normals: Floats, flat: Booleans, mapped: MappedTarget) -> Floats:
@@ -89,9 +90,14 @@ def _flatten(normals: Floats, flat: Booleans, mapped: MappedTarget) -> Floats:
     on_flat = flat[source.triangle_face[triangle]][target.corner_vertex]
     mostly_flat = 2 * np.add.reduceat(on_flat.astype(np.int64), start) > np.diff(target.face_start)
     own = outward_normals(target, Domain.FACE)[face]
-    tilted = np.einsum("cx,cx->c", normals, own) < np.cos(np.radians(LARGEST_TILT))
+    tilted = _cosines(normals, own) < np.cos(np.radians(LARGEST_TILT))
     chosen = (mostly_flat & np.logical_or.reduceat(tilted, start))[face] & own.any(axis=1)
     return np.where(chosen[:, None], own, normals)
+
+
+def _cosines(first: Floats, second: Floats) -> Floats:
+    """(c,) cosines of the angles between unit vectors (c, 3)."""
+    return np.asarray(np.einsum("cx,cx->c", first, second))
 
 
 def _turn(attribute: Attribute, number: Floats, mapped: MappedTarget) -> tuple[Attribute, Floats]:

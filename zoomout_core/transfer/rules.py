@@ -16,13 +16,13 @@ from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.maps.surface_map import SurfaceMap, fault_of_map
 from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.memory import memory_in_words
-from zoomout_core.mesh.shapes import ShapeLike, as_surface
+from zoomout_core.mesh.shapes import ShapeLike, as_placed_surface
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.runtime.threads import on_one_blas_thread
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind, element_count
 from zoomout_core.transfer.continuation import extrapolate_map
 from zoomout_core.transfer.edges.transfer_edges import snap_marks, transfer_edges
-from zoomout_core.transfer.finite import with_finite_uv, with_finite_values
+from zoomout_core.transfer.finite import with_finite_values
 from zoomout_core.transfer.interpolate import MIX, VOTE
 from zoomout_core.transfer.keys.shape_keys import carry_offsets, conform_target
 from zoomout_core.transfer.mapped_target import MappedTarget
@@ -54,7 +54,6 @@ class Rule:
         widths: allowed numbers of columns; 0 means values without a second axis.
         dtypes: numpy's letters for the allowed types of values.
         meaning: the same in words, for the user.
-        fill: replaces values that are not finite; None if the attribute is refused because of them.
         bounded: whether squares of the values must be finite.
         sparse: whether values must be a sparse array.
         column: the shape of each column; () for numbers.
@@ -66,7 +65,6 @@ class Rule:
     widths: range
     dtypes: str
     meaning: str
-    fill: Callable[[Attribute, Surface], Attribute] | None = with_finite_values
     bounded: bool = False
     sparse: bool = False
     column: tuple[int, ...] = ()
@@ -78,25 +76,28 @@ ON_FACES = Domain.POINT, Domain.FACE, Domain.CORNER
 MIXED = {**MIX, Domain.EDGE: transfer_edges}
 VOTED = {**VOTE, Domain.EDGE: transfer_edges}
 ANY = 1 << 30
-# Larger rotations, weights and offsets overflow when their squares are added.
+# Larger numbers overflow when their squares are added.
 LARGEST_VALUE = np.float64(1e75)  # which a comparison does not round to the single precision of values
 
 RULES: dict[Kind, Rule] = {
-    Kind.SCALAR: Rule(MIXED, range(1), "fiu", "one number each", mixable=True, mirrorable=True),
-    Kind.VECTOR: Rule(MIXED, range(1, ANY), "fiu", "a row of numbers each", mixable=True, mirrorable=True),
-    Kind.DIRECTION: Rule(dict.fromkeys(ON_FACES, turn_directions), range(3, 4), "f", "three floats each"),
-    Kind.NORMAL: Rule(dict.fromkeys(ON_FACES, turn_normals), range(3, 4), "f", "three floats each"),
-    Kind.COLOR: Rule(MIXED, range(3, 5), "f", "three or four scene-linear floats each", mixable=True, mirrorable=True),
-    Kind.UV: Rule({Domain.CORNER: transfer_uv}, range(2, 3), "f", "two floats each", fill=with_finite_uv, bounded=True),
+    Kind.SCALAR: Rule(MIXED, range(1), "fiu", "one number each", bounded=True, mixable=True, mirrorable=True),
+    Kind.VECTOR: Rule(
+        MIXED, range(1, ANY), "fiu", "a row of numbers each", bounded=True, mixable=True, mirrorable=True
+    ),
+    Kind.DIRECTION: Rule(dict.fromkeys(ON_FACES, turn_directions), range(3, 4), "f", "three floats each", bounded=True),
+    Kind.NORMAL: Rule(dict.fromkeys(ON_FACES, turn_normals), range(3, 4), "f", "three floats each", bounded=True),
+    Kind.COLOR: Rule(
+        MIXED, range(3, 5), "f", "three or four scene-linear floats each", bounded=True, mixable=True, mirrorable=True
+    ),
+    Kind.UV: Rule({Domain.CORNER: transfer_uv}, range(2, 3), "f", "two floats each", bounded=True),
     Kind.QUATERNION: Rule(
-        dict.fromkeys(ON_FACES, mix_quaternions), range(4, 5), "f", "four floats each, w first", fill=None, bounded=True
+        dict.fromkeys(ON_FACES, mix_quaternions), range(4, 5), "f", "four floats each, w first", bounded=True
     ),
     Kind.MATRIX: Rule(
         dict.fromkeys(ON_FACES, mix_matrices),
         range(16, 17),
         "f",
         "sixteen floats each, those of a 4x4 matrix row by row",
-        fill=None,
         bounded=True,
     ),
     Kind.LABEL: Rule(VOTED, range(ANY), "iuUSO", "integers or strings"),
@@ -106,7 +107,6 @@ RULES: dict[Kind, Rule] = {
         range(1),
         "f",
         "one float each, zero where there is no mark",
-        fill=None,
         bounded=True,
         mirrorable=True,
     ),
@@ -115,7 +115,6 @@ RULES: dict[Kind, Rule] = {
         range(1, ANY),
         "f",
         "a scipy.sparse array of floats",
-        fill=None,
         bounded=True,
         sparse=True,
         mixable=True,
@@ -126,7 +125,6 @@ RULES: dict[Kind, Rule] = {
         range(1, ANY),
         "f",
         "three floats for each key",
-        fill=None,
         bounded=True,
         column=(3,),
         mixable=True,
@@ -220,15 +218,14 @@ def surfaces_of(
     target = getattr(result, "target", None) if target is None else target
     if source is None or target is None:
         raise TypeError(f"A {type(result).__name__} does not contain its surfaces: give source and target as well.")
-    return as_surface(source), as_surface(target)
+    return as_placed_surface(source), as_placed_surface(target)
 
 
 def transfer_along(attribute: Attribute, mapped: MappedTarget, **options: Any) -> Attribute:
     """`transfer` of one of many attributes, which share the computations on the map."""
     rule = _rule(attribute)
     _check_format(attribute, rule, mapped.source)
-    if rule.fill is not None:
-        attribute = rule.fill(attribute, mapped.source)
+    attribute = with_finite_values(attribute, mapped.source)
     _check_numbers(attribute, rule)
     function = rule.domains[attribute.domain]
     _check_options(options, attribute.kind, function)
@@ -300,10 +297,6 @@ def _check_format(attribute: Attribute, rule: Rule, source: Surface) -> None:
 def _check_numbers(attribute: Attribute, rule: Rule) -> None:
     name, values = attribute.name, attribute.values
     numbers = values.data if rule.sparse else np.asarray(values)
-    if rule.fill is None and not (finite := np.isfinite(numbers)).all():
-        raise MeshError(
-            "'{name}' has {count:,} values that are not finite: correct them.", name=name, count=(~finite).sum()
-        )
     if rule.bounded and (huge := np.abs(numbers) > LARGEST_VALUE).any():
         raise MeshError(
             "'{name}' has {count:,} values that are far too large: correct them.", name=name, count=huge.sum()

@@ -13,6 +13,7 @@ from bpy.types import ArmatureEditBones, Bone, Context, EditBone, Object
 from mathutils import Matrix, Vector
 
 from zoomout_core.arrays import Floats
+from zoomout_core.transfer.rigging.humanoid import humanoid_bones
 
 from ..attributes.vertex_groups import read_weights
 from ..matrices import transform_points, world_matrix
@@ -74,9 +75,12 @@ def read_outfit_bones(
 ) -> OutfitBones:
     """The bones of an armature that move worn objects but not the bodies, and those between them and the body's.
 
-    Bones that the target armature has itself are left out.
+    Bones that the target armature has itself, by name or as humanoid bones, are left out. Bodies often lack the skin
+    below clothes, so that bones such as those of legs move only worn objects.
     """
     present = {bone.name for bone in target.data.bones} - bones_copied_from(target, armature.name)
+    humanoid, others = humanoid_bones(armature.data.bones.keys()), humanoid_bones(sorted(present))
+    present |= {name for bone, name in humanoid.items() if bone in others}
     of_body = {name for body in bodies for name in weight_of_bones(body)}
     of_worn = {obj.name: weight_of_bones(obj) for obj in worn}
     of_any = {name for weights in of_worn.values() for name in weights}

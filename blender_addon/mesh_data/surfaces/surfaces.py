@@ -14,7 +14,7 @@ import zoomout_core as zo
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.mesh.surface import single_precision_step
 from zoomout_core.mesh.triangles import triangle_areas
-from zoomout_core.messages import message
+from zoomout_core.messages import Message, message
 
 from ..arrays import read_array
 from ..matrices import transform_points, world_matrix
@@ -224,7 +224,19 @@ def _naming(obj: Object) -> Iterator[None]:
     try:
         yield
     except zo.MeshError as error:
-        raise zo.MeshError("'{name}' cannot be used. {reason}", name=obj.name, reason=error) from error
+        reason = _find_broken_input(obj) or error
+        raise zo.MeshError("'{name}' cannot be used. {reason}", name=obj.name, reason=reason) from error
+
+
+def _find_broken_input(obj: Object) -> Message | None:
+    """The reason why an object cannot be used, if it is its matrix or a shape key instead of the mesh."""
+    if not np.isfinite(np.array(obj.matrix_world)).all():
+        return message("Its location, rotation or scale is not finite: clear its transforms.")
+    keys = obj.original.data.shape_keys
+    for key in [] if keys is None else keys.key_blocks[1:]:
+        if not (np.isfinite(key.value) and np.isfinite(read_array(key.data, "co", np.float32, 3)).all()):
+            return message("Its shape key '{key}' is not finite: remove it, or repair it.", key=key.name)
+    return None
 
 
 def _read_corner_vertices(mesh: Mesh) -> Integers:

@@ -16,7 +16,7 @@ from scipy.sparse import csr_array
 
 import zoomout_core as zo
 from zoomout_core.arrays import Booleans, Floats
-from zoomout_core.messages import Message, message, warning
+from zoomout_core.messages import Message, message, plural, plural_warning
 from zoomout_core.runtime.progress import portion, stage
 from zoomout_core.transfer import map_target
 from zoomout_core.transfer.mapped_target import MappedTarget
@@ -174,19 +174,21 @@ def _notes_on_rest(target: str, bend: float | None, rest: Rest) -> list[Message]
         )
     if rest.smoothed:
         notes.append(
-            message(
-                "Rest pose: {count:,} vertices were moved with their neighbors, to avoid tears.", count=rest.smoothed
+            plural(
+                rest.smoothed,
+                "Rest pose: 1 vertex was moved with its neighbors, to avoid a tear.",
+                "Rest pose: {count:,} vertices were moved with their neighbors, to avoid tears.",
             )
         )
     return notes
 
 
 def _find_pose(job: TransferJob, rigged: Rigged) -> tuple[PosedTarget, stored_match.Match]:
-    """The pose of a target, and the match that the bones correct."""
+    """The pose of a target, and the match that the bones correct unless it is probably wrong."""
     mapped = map_target(job.match, job.pair.source, job.pair.target, job.settings.fill_below)
     with stage("Finding the pose", 0, FOUND):
         posed = find_pose(mapped, rigged.rest, rigged.weights, rigged.bones.parents)
-        corrected = correct_map(mapped, posed, rigged.weights)
+        corrected = mapped if stored_match.is_wrong(job.match) else correct_map(mapped, posed, rigged.weights)
     if corrected is mapped:
         return posed, job.match
     return posed, stored_match.along(job.match, corrected.surface_map, corrected.confidence)
@@ -259,10 +261,12 @@ def note_on_constraints(armature: Object) -> list[Message]:
     if not names:
         return []
     return [
-        warning(
+        plural_warning(
+            len(names),
+            "The Child Of constraint of '{bone}' has the inverse of the old rest position: use Set Inverse on the "
+            "copy.",
             "Child Of constraints of {count} bones, such as '{bone}', have the inverse of the old rest position: use "
             "Set Inverse on the copy.",
-            count=len(names),
             bone=names[0],
         )
     ]
@@ -292,17 +296,19 @@ def _check_weights(
     if checked.smoothed.any():
         weights.smooth(target, checked.smoothed, job.settings.limit)
         notes.append(
-            message(
+            plural(
+                int(checked.smoothed.sum()),
+                "The weights of 1 vertex would have torn the mesh when bones rotate, and were smoothed.",
                 "The weights of {count:,} vertices would have torn the mesh when bones rotate, and were smoothed.",
-                count=int(checked.smoothed.sum()),
             )
         )
     if checked.stretched.any():
         notes.append(
-            warning(
+            plural_warning(
+                int(checked.stretched.sum()),
+                "1 vertex stretches far more than on the source when bones rotate: Select Stretched shows it.",
                 "{count:,} vertices stretch far more than on the source when bones rotate: Select Stretched shows "
                 "them.",
-                count=int(checked.stretched.sum()),
             )
         )
     return checked.stretched, tuple(notes)

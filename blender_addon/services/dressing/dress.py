@@ -11,7 +11,7 @@ from bpy.types import Context, Object
 
 import zoomout_core as zo
 from zoomout_core.arrays import Floats
-from zoomout_core.messages import message, sentences
+from zoomout_core.messages import plural, sentences
 from zoomout_core.outfits.joint_match import match_by_joints
 from zoomout_core.runtime.progress import portion, stage
 from zoomout_core.transfer import carry
@@ -171,10 +171,11 @@ async def take_to_rest(context: Context, pair: ObjectPair, at_rest: Floats) -> W
 
 def summary(report: dict[str, Any]) -> str:
     """The report in one sentence."""
-    done = message(
+    done = plural(
+        len(report["objects"]),
+        "Dressed '{target}' with 1 object of '{source}'.",
         "Dressed '{target}' with {count} objects of '{source}'.",
         target=report["target"],
-        count=len(report["objects"]),
         source=report["source"],
     )
     return sentences(done, *report["left_out"].values(), *report["notes"])

@@ -12,7 +12,7 @@ from scipy.sparse import csr_array, diags_array
 import zoomout_core as zo
 from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.geometry.procrustes import procrustes
-from zoomout_core.messages import Message, enumeration, message, warning
+from zoomout_core.messages import Message, enumeration, message, plural_warning
 from zoomout_core.runtime.progress import portion
 from zoomout_core.transfer import (
     Dressed,
@@ -257,10 +257,11 @@ def _part(surface: zo.Surface, shape: Floats, kept: Booleans) -> tuple[zo.Surfac
 def notes_on_stretch(worn: Sequence[Worn], dressed: Dressed) -> list[Message]:
     """A sentence for each copy that is stretched somewhere."""
     return [
-        warning(
+        plural_warning(
+            int(stretched.sum()),
+            "1 vertex of '{name}' stretches far more than the body, for example where limbs touch: check it.",
             "{count:,} vertices of '{name}' stretch far more than the body, for example where limbs touch: check "
             "these.",
-            count=int(stretched.sum()),
             name=each.name,
         )
         for each, stretched in zip(worn, dressed.stretched, strict=True)

@@ -8,7 +8,7 @@ from typing import Any
 
 from bpy.types import Context, Object
 
-from zoomout_core.messages import Message, message, warning
+from zoomout_core.messages import Message, plural, plural_warning
 
 from ... import mesh_data
 from ...adapters.key_drivers import notes_on_drivers
@@ -90,17 +90,20 @@ def _armatures(context: Context, rigs: Rigs) -> tuple[Object, Object]:
 
 def _notes_on_bones(outfit: OutfitBones, pairs: dict[str, str], armature: str) -> Iterator[Message]:
     """Sentences on the armature that the copies were bound to."""
-    yield message(
+    yield plural(
+        len(outfit.names),
+        "The objects are bound to '{armature}', to which 1 bone of their own was added.",
         "The objects are bound to '{armature}', to which {count} bones of their own were added.",
         armature=armature,
-        count=len(outfit.names),
     )
     missing = [name for name in outfit.of_body if name not in pairs]
     if missing:
-        yield warning(
+        yield plural_warning(
+            len(missing),
+            "A bone that moves the objects, '{bone}', has no partner in '{armature}': assign its weights to another "
+            "bone.",
             "{count} bones that move the objects have no partner in '{armature}', such as '{bone}': assign their "
             "weights to other bones.",
-            count=len(missing),
             armature=armature,
             bone=missing[0],
         )

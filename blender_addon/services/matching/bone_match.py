@@ -11,7 +11,6 @@ from scipy.sparse import csr_array
 
 import zoomout_core as zo
 from zoomout_core.arrays import Integers
-from zoomout_core.matching.report.verdict import RED
 from zoomout_core.runtime.progress import stage
 from zoomout_core.transfer import map_target
 from zoomout_core.transfer.rigging.rest_pose import correct_by_bones
@@ -29,7 +28,7 @@ async def correct_match(context: Context, pair: ObjectPair, result: zo.MatchResu
 
     A match that is probably wrong stays as it is. Exact landmarks are still met.
     """
-    if result.verdict.level == RED or not moves_vertices(find_mesh(context, pair.source_name)):
+    if result.verdict.is_wrong or not moves_vertices(find_mesh(context, pair.source_name)):
         return result
     try:
         rest, bones, weights = read_rest(context, pair)

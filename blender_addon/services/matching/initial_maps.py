@@ -10,7 +10,7 @@ import zoomout_core as zo
 from zoomout_core.arrays import Integers
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.maps.surface_map import read_vertex_map
-from zoomout_core.messages import message
+from zoomout_core.messages import message, plural
 
 from ...mesh_data import ObjectPair
 from ...storage.stored_match import StoredMatch
@@ -42,10 +42,11 @@ def same_order(pair: ObjectPair) -> StoredMatch:
         places = closest_points(source.vertices[loose], source.vertices, source.triangles)
         surface_map.triangle[loose], surface_map.barycentric[loose] = places
         notes.append(
-            message(
+            plural(
+                len(loose),
+                "1 vertex belongs to no face of the source: mapped to the nearest point, with zero confidence.",
                 "{count:,} vertices belong to no face of the source: mapped to the nearest point, with zero "
                 "confidence.",
-                count=len(loose),
             )
         )
     return StoredMatch(surface_map, of_faces.astype(float), tuple(notes))

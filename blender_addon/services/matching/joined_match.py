@@ -15,7 +15,7 @@ from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.maps.known_match import KnownMatch
 from zoomout_core.matching.report.verdict import LOW_CONFIDENCE
 from zoomout_core.mesh.triangles import vertex_areas
-from zoomout_core.messages import Message, message
+from zoomout_core.messages import Message, message, plural
 
 from ...mesh_data import Fingerprint, ObjectPair
 from ...storage.stored_match import StoredMatch
@@ -171,10 +171,12 @@ def _notes_on_sources(pair: ObjectPair, elsewhere: int) -> Iterator[Message]:
             sources=names,
         )
     if elsewhere:
-        yield message(
+        yield plural(
+            elsewhere,
+            "1 vertex corresponds to an object other than {sources}: mapped to the nearest point there, with zero "
+            "confidence.",
             "{count:,} vertices correspond to objects other than {sources}: mapped to the nearest "
             "point there, with zero confidence.",
-            count=elsewhere,
             sources=names,
         )
 

@@ -9,7 +9,7 @@ from functools import partial
 from bpy.types import Context, Object
 
 import zoomout_core as zo
-from zoomout_core.messages import message
+from zoomout_core.messages import message, plural
 from zoomout_core.runtime.progress import stage
 from zoomout_core.transfer import map_target
 from zoomout_core.transfer.uv.seam_cut import SeamCut, seam_cut
@@ -69,7 +69,13 @@ async def cut_seams_async(context: Context, source_name: str, target_name: str) 
         divided.free()
     previews.follow_match(context, target)
     vertices, faces = (len(target.data.vertices) - len(pair.target.vertices)), len(target.data.polygons) - before
-    whole = message("; {count:,} faces crossed by several seams were not cut", count=cut.left) if cut.left else ""
+    whole = ""
+    if cut.left:
+        whole = plural(
+            cut.left,
+            "; 1 face crossed by several seams was not cut",
+            "; {count:,} faces crossed by several seams were not cut",
+        )
     return message(
         "Cut '{target}' along the seams of '{uv_map}', adding {vertices:,} vertices and {faces:,} faces{left}",
         target=target_name,

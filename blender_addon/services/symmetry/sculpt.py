@@ -9,7 +9,7 @@ import numpy as np
 from bpy.types import Context, Object
 
 import zoomout_core as zo
-from zoomout_core.messages import message
+from zoomout_core.messages import message, plural
 from zoomout_core.runtime.progress import stage
 from zoomout_core.symmetry.mirror import Direction
 from zoomout_core.symmetry.offsets import symmetrise_offsets
@@ -53,7 +53,12 @@ async def mirror_sculpt_async(context: Context, name: str, direction: Direction)
         mesh_data.move_vertices(obj.data, wanted - moved)
         stored_symmetry.store_shape(obj)
     count = int((np.abs(wanted - moved) > 1e-6 * np.abs(moved).max()).any(axis=1).sum())
-    return message("Mirrored the sculpt of '{name}': {count:,} vertices moved", name=name, count=count)
+    return plural(
+        count,
+        "Mirrored the sculpt of '{name}': 1 vertex moved",
+        "Mirrored the sculpt of '{name}': {count:,} vertices moved",
+        name=name,
+    )
 
 
 def _why_nothing_moved(obj: Object) -> str:

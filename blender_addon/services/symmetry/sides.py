@@ -9,7 +9,7 @@ from scipy.sparse import csr_array
 
 import zoomout_core as zo
 from zoomout_core.arrays import Booleans
-from zoomout_core.messages import message
+from zoomout_core.messages import message, plural
 from zoomout_core.symmetry.self_map import SelfMap
 from zoomout_core.transfer import Attribute, Domain, Kind
 
@@ -34,8 +34,11 @@ def select_symmetry_line(obj: Object) -> str:
         mesh_data.write_selection(obj.data, Attribute("selection", Domain.POINT, Kind.BOOLEAN, chosen))
         mesh_data.write_selection(obj.data, Attribute("selection", Domain.FACE, Kind.BOOLEAN, faces))
         obj.data.update()
-    return message(
-        "Selected {count:,} vertices on the symmetry line of '{name}'", count=int(chosen.sum()), name=obj.name
+    return plural(
+        int(chosen.sum()),
+        "Selected 1 vertex on the symmetry line of '{name}'",
+        "Selected {count:,} vertices on the symmetry line of '{name}'",
+        name=obj.name,
     )
 
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -51,6 +52,19 @@ def test_obj_and_ply_round_trips_keep_data(tmp_path: Path, made: Asset, ending: 
         assert {material.name: material for material in again.materials} == {each.name: each for each in made.materials}
     else:
         assert notes == ("PLY files cannot store materials, which were left out: write a .glb file to keep them.",)
+
+
+@pytest.mark.parametrize("ending", [".obj", ".ply", ".glb"])
+def test_a_corner_without_uv_takes_that_of_its_own_island(tmp_path: Path, made: Asset, ending: str) -> None:
+    # The corner of the quadrilateral at the same place is on another island.
+    uv = made.attributes[0].values.copy()
+    uv[4] = np.nan
+    broken = replace(made.attributes[0], values=uv)
+    notes = write_asset(Asset(made.surface, (broken,)), tmp_path / f"a{ending}")
+    assert notes[0].startswith("1 of 7 values of 'uv 0' are not finite")
+    found = read_asset(tmp_path / f"a{ending}").find("uv 0")
+    assert found is not None
+    np.testing.assert_allclose(found.values[-3:].mean(axis=0), uv[5:].mean(axis=0), atol=1e-6)
 
 
 def test_data_that_obj_cannot_store_is_reported(tmp_path: Path) -> None:

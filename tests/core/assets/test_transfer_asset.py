@@ -18,6 +18,7 @@ from zoomout_core.assets.files import read_asset, write_asset
 from zoomout_core.assets.transfer_asset import transfer_asset
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.maps.surface_map import SurfaceMap
+from zoomout_core.matching.report.verdict import RED, Verdict
 from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
@@ -106,6 +107,12 @@ def test_attributes_follow_the_map_that_the_joints_correct() -> None:
     bent = transfer_asset(source, Asset(target), match, ["color"]).mapped
     assert bent is not None
     assert bent.surface_map is match.surface_map
+    del match.meet_landmarks
+    match.verdict = Verdict(RED, "It is probably wrong.", "")
+    for kinds in (["color"], ["color", "weights"]):
+        uncorrected = transfer_asset(source, Asset(target), match, kinds).mapped
+        assert uncorrected is not None
+        assert uncorrected.surface_map is match.surface_map
 
 
 def test_few_vertices_suffice_to_correct_the_map() -> None:

@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 
 import zoomout_core as zo
 from zoomout_core.cli import main
+from zoomout_core.library import asset_match as asset_match_module
 from zoomout_core.library import library as library_module
 from zoomout_core.library import search as search_module
 from zoomout_core.library.descriptor import DESCRIPTOR, compare
@@ -82,7 +83,7 @@ def test_same_creature_ranks_first_in_any_pose_mesh_and_unit(folder: Path, targe
 
 
 def test_a_ball_is_refused_without_a_match(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(search_module, "match", None)
+    monkeypatch.setattr(asset_match_module, "match", None)
     found = zo.Library(folder).find(ball())
     assert found.best is None
     assert not found.ranked
@@ -94,7 +95,7 @@ def test_a_ball_is_refused_without_a_match(folder: Path, monkeypatch: pytest.Mon
 def test_a_part_without_a_certain_place_is_advised_to_choose_a_whole(
     is_part: bool, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(search_module, "match", None)
+    monkeypatch.setattr(asset_match_module, "match", None)
     monkeypatch.setattr(search_module, "find_wholes", lambda *_: [])
     whole = ball()
     above = whole.vertices[whole.triangles][:, :, 2].min(axis=1) > 0
@@ -115,7 +116,7 @@ def test_bad_maps_are_refused_with_the_reason(
     certainty: float, total: float, refusal: str, folder: Path, target: zo.Surface, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     result = SimpleNamespace(certainty=certainty, chosen=0, candidates=[SimpleNamespace(scores={"total": total})])
-    monkeypatch.setattr(search_module, "match", lambda *_: result)
+    monkeypatch.setattr(asset_match_module, "match", lambda *_: result)
     assets = list(zo.Library(folder).assets())
     monkeypatch.setattr(search_module, "bodies_of", lambda surface: assets[0].bodies)
     found = search_module.search(target, assets)
@@ -133,7 +134,7 @@ def test_maps_between_similar_bodies_may_deform_more() -> None:
 
 def test_dissimilar_assets_are_not_matched(folder: Path, target: zo.Surface, monkeypatch: pytest.MonkeyPatch) -> None:
     result = SimpleNamespace(certainty=0.9, chosen=0, candidates=[SimpleNamespace(scores={"total": -20.0})])
-    monkeypatch.setattr(search_module, "match", lambda *_: result)
+    monkeypatch.setattr(asset_match_module, "match", lambda *_: result)
     assets = list(zo.Library(folder).assets())
     monkeypatch.setattr(search_module, "bodies_of", lambda surface: assets[0].bodies)
     assert [each.path for each in search_module.search(target, assets).ranked] == [assets[0].path]
@@ -148,7 +149,7 @@ def test_assets_that_share_a_body_are_ordered_by_what_they_wear(
     folder: Path, target: zo.Surface, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     result = SimpleNamespace(certainty=0.9, chosen=0, candidates=[SimpleNamespace(scores={"total": -20.0})])
-    monkeypatch.setattr(search_module, "match", lambda *_: result)
+    monkeypatch.setattr(asset_match_module, "match", lambda *_: result)
     whole, tailless = zo.Library(folder).assets()
     monkeypatch.setattr(search_module, "bodies_of", lambda surface: whole.bodies)
     dressed = replace(whole, path=Path("dressed.ply"), bodies={**whole.bodies, "tight hull": tailless.bodies["hull"]})

@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from transfer_meshes import sphere
 
 import zoomout_core as zo
+from zoomout_core.library import asset_match as asset_match_module
 from zoomout_core.library import search as search_module
 from zoomout_core.library import wholes as wholes_module
 from zoomout_core.library.bodies import MAIN_PART, Body, LibraryAsset, analyse_body, bodies_of
@@ -74,6 +75,18 @@ def test_radii_beyond_a_cut_do_not_count(part: Body) -> None:
     changed = PartSurroundings(beyond, surroundings.known, surroundings.areas)
     assert changed.compare(part.surroundings).mean == pytest.approx(surroundings.compare(part.surroundings).mean)
     assert surroundings.compare(part.surroundings).scale == 1.0
+
+
+def test_radii_beyond_a_region_do_not_count(part: Body) -> None:
+    shape = analyse_body(part.surface)
+    inside = shape.mesh.vertices[:, 1] > np.median(shape.mesh.vertices[:, 1])
+    region = PartSurroundings.of_region(shape, inside)
+    places = shape.search.samples[: len(shape.distances)]
+    assert len(region.features) == inside[places].sum()
+    reached = (region.known * SURROUNDINGS.smallest * SURROUNDINGS.growth ** np.arange(SURROUNDINGS.radii)).max(axis=1)
+    assert (reached < shape.distances[inside[places]][:, ~inside].min(axis=1)).all()
+    assert region.known.any()
+    assert region.difference(surroundings_of(shape)) == 0
 
 
 def test_the_whole_of_a_part_is_found(part: Body, assets: list[LibraryAsset]) -> None:
@@ -148,7 +161,7 @@ def test_a_part_without_a_place_is_matched_with_few_assets(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     result = SimpleNamespace(certainty=0.3, chosen=0, candidates=[SimpleNamespace(scores={"total": -11.0})])
-    monkeypatch.setattr(search_module, "match", lambda *_: result)
+    monkeypatch.setattr(asset_match_module, "match", lambda *_: result)
     monkeypatch.setattr(search_module, "find_wholes", lambda *_: wholes)
     monkeypatch.setattr(search_module, "bodies_of", lambda surface: {MAIN_PART: part})
     with retune(search_module.SEARCH, matched_after=1, max_difference=1000.0, beyond=100.0):

@@ -87,7 +87,7 @@ def test_invalid_edges_are_refused(edges: object, sentence: str) -> None:
         (SQUARE, [[0, 1, 4]], "refers to vertex 4"),
         (SQUARE, [[0, 1, -1]], "refers to vertex -1"),
         (SQUARE, [[0, 1, 2], [0, 1]], "Face 1 has 2 corners"),
-        (np.array([[0, 0, 0], [1, 0, np.nan], [0, 1, 0]]), [[0, 1, 2]], "vertex 1"),
+        (np.array([[0, 0, 0], [1, 0, np.nan], [0, 1, 0]]), [[0, 1, 2]], "Vertex 1 has"),
         (SQUARE * [1, 0, 0], [[0, 1, 2]], "no area"),
         (SQUARE[:, :2], [[0, 1, 2]], "(n, 3)"),
         ([["a", "b", "c"]] * 3, [[0, 1, 2]], "must be numbers"),

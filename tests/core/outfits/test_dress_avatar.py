@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from dolls import CHAIN, HEIGHTS, KEY
+from scipy.sparse import csr_array
 
 from zoomout_core.arrays import Floats
 from zoomout_core.assets.asset import SHAPE_KEYS, Asset
@@ -23,6 +24,7 @@ from zoomout_core.outfits.parts import AvatarParts, split_avatar
 from zoomout_core.outfits.pictures import HEIGHT, WIDTH, draw_outfit
 from zoomout_core.transfer.dressing.joint_alignment import JointPairs
 from zoomout_core.transfer.dressing.posed_contact import POSED_CONTACT
+from zoomout_core.transfer.rigging import humanoid
 from zoomout_core.tuning import retune
 
 WIDER = np.array([1.15, 1, 1])
@@ -103,6 +105,35 @@ def test_clothes_have_the_keys_of_the_body(dressed: DressedAvatar) -> None:
     assert keys.labels == (KEY,)
     expected = 0.2 * dressed.clothes.surface.vertices * [1, 0, 0]
     assert np.linalg.norm(keys.values[:, 0] - expected, axis=1).mean() < 0.2 * np.linalg.norm(expected, axis=1).mean()
+
+
+@pytest.mark.parametrize("is_target_bare", [False, True])
+def test_joints_of_hidden_skin_have_partners(
+    parts: AvatarParts, target: Asset, is_target_bare: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Avatars often lack the skin below clothes, so that joints such as those of legs move clothes alone."""
+    monkeypatch.setattr(humanoid, "MIN_BONES", len(HEIGHTS))
+    worn = parts.worn
+    assert worn is not None
+    assert worn.skin is not None
+    assert target.skin is not None
+    alike = replace(target, skin=replace(target.skin, names=tuple(HEIGHTS)))
+    avatar = without_head(alike) if is_target_bare else alike
+    assert worn.skin.weights[:, [2]].nnz
+    found = dress_avatar(parts.body.surface.vertices * WIDER, without_head(parts.body), worn, avatar)
+    assert [joint.name for joint in found.joints] == list(CHAIN)
+    assert found.clothes.skin is not None
+    assert found.clothes.skin.weights[:, [2]].nnz
+    assert found.notes == ("3 joints of the outfit were added to the avatar.",)
+
+
+def without_head(body: Asset) -> Asset:
+    """A body whose joint of the head moves nothing."""
+    assert body.skin is not None
+    weights = body.skin.weights.toarray()
+    weights[:, 1] += weights[:, 2]
+    weights[:, 2] = 0
+    return replace(body, skin=replace(body.skin, weights=csr_array(weights)))
 
 
 def test_clothes_are_bound_to_the_joints_of_the_avatar(

@@ -285,7 +285,7 @@ def test_empty_marks_stay_empty_and_loose_edges_are_left_out() -> None:
     marked[:2] = True
     result = transfer_line(marked, surface_map, loose, loose)
     assert np.flatnonzero(result.values).tolist() == [1]
-    assert "1 edges of the source belong to no face" in result.notes[0]
+    assert "1 edge of the source belongs to no face" in result.notes[0]
 
 
 def test_target_without_edges_receives_none() -> None:

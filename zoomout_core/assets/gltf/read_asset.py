@@ -29,7 +29,7 @@ from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.gltf_document import INSTANCES, PLACE, STORED_MAP, Document
 from zoomout_core.mesh.formats.gltf_scene import FAN, STRIP, TRIANGLES, GltfMesh, Skeleton, read_scene, sparse_weights
 from zoomout_core.mesh.triangles import unit_vectors
-from zoomout_core.messages import warning
+from zoomout_core.messages import plural_warning
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 
 # Beginnings of the names of extensions that do not change the shape: of materials, textures, lights and avatars.
@@ -105,10 +105,12 @@ def _without_weights(path: Path, meshes: Sequence[GltfMesh]) -> list[str]:
     if not count:
         return []
     return [
-        warning(
+        plural_warning(
+            count,
+            "1 vertex in {name} has no skin weights and follows the first joint that it lists, as in Blender: check "
+            "whether it moves with the vertices around it.",
             "{count:,} vertices in {name} have no skin weights and follow the first joint that they list, as in "
             "Blender: check whether they move with the vertices around them.",
-            count=count,
             name=path.name,
         )
     ]

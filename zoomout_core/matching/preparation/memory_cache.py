@@ -27,6 +27,7 @@ from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.runtime.input_files import check_path
 from zoomout_core.runtime.memory import bytes_of
+from zoomout_core.runtime.option_names import suggest_names
 
 # Maximum bytes of the cached shapes, which is about ten of the usual size; as much again for working meshes. The two of
 # the last match are kept whatever their size, or matching a million vertices again would analyse one of them again.
@@ -109,6 +110,7 @@ def cached_analysis(part: WorkingMesh, k: int, samples: int, seed: int, proxy_ve
     return shape
 
 
+@suggest_names
 def store_shapes(folder: str | PathLike[str] | None, max_bytes: int = MAX_BYTES_ON_DISK) -> None:
     """Cache shapes that are prepared from now on in a folder, also for other processes.
 

@@ -16,7 +16,7 @@ from zoomout_core.matching.refinement.confidence import Partners
 from zoomout_core.matching.report.verdict import UNCERTAIN_MAP, VERDICT
 from zoomout_core.mesh.point_cloud import PointCloud
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.messages import message, probability, warning
+from zoomout_core.messages import plural, probability, warning
 
 NOT_RECOGNISED = (
     "No reliable match was found (a probability of {certainty}): add a few landmarks, or align the two meshes in "
@@ -100,7 +100,11 @@ def _notes_on_broken_vertices(role: str, surface: Surface) -> tuple[str, ...]:
     if not count:
         return ()
     return (
-        message(f"{{count:,}} vertices of the {role} are not numbers: they and their faces are left out.", count=count),
+        plural(
+            count,
+            f"1 vertex of the {role} is not a number: it and its faces are left out.",
+            f"{{count:,}} vertices of the {role} are not numbers: they and their faces are left out.",
+        ),
     )
 
 

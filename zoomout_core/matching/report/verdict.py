@@ -109,6 +109,11 @@ class Verdict(NamedTuple):
     advice: str
 
     @property
+    def is_wrong(self) -> bool:
+        """Whether the map is probably wrong as a whole."""
+        return self.level == RED
+
+    @property
     def line(self) -> Message:
         """The verdict in one line."""
         return sentences(PREFIXES[self.level], *filter(None, (self.sentence, self.advice)))
@@ -184,7 +189,7 @@ def check_verdict(verdict: Verdict, force: bool, candidates: int = 1) -> None:
     Raises:
         RefusedMatchError: it is probably wrong, and may not be used anyway.
     """
-    if verdict.level == RED and not force:
+    if verdict.is_wrong and not force:
         others = [message("Other candidates: --candidate 1 to {last}.", last=candidates - 1)] if candidates > 1 else []
         force_it = message("To write it anyway, give --force.")
         raise RefusedMatchError(sentences(verdict.sentence, verdict.advice, *others, force_it))

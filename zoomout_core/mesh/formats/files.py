@@ -30,7 +30,7 @@ from zoomout_core.mesh.formats.gltf_scene import read_scene
 from zoomout_core.mesh.formats.meshio_files import ENDINGS as OF_MESHIO
 from zoomout_core.mesh.formats.meshio_files import read_with_meshio
 from zoomout_core.mesh.formats.obj_files import parse_obj
-from zoomout_core.mesh.formats.opening import existing, explain_damage, file_bytes
+from zoomout_core.mesh.formats.opening import existing, explain_damage, file_bytes, name_file
 from zoomout_core.mesh.formats.ply_files import PlyColumns, ply_columns, ply_normals, ply_polygons
 from zoomout_core.mesh.formats.polygons import Faces, Polygons, join
 from zoomout_core.mesh.formats.text_tables import flatten, number_table, text_lines, whole_number
@@ -88,7 +88,8 @@ def read_shape(path: str | PathLike[str]) -> Surface | PointCloud:
         ImportError: trimesh is not installed, and the file is none of OFF, PLY, OBJ.
     """
     polygons, vertex_columns = _read(path)
-    return _shape(drop_broken_faces(polygons)[0], vertex_columns, path)
+    with name_file(path):
+        return _shape(drop_broken_faces(polygons)[0], vertex_columns, path)
 
 
 def drop_broken_faces(polygons: Polygons) -> tuple[Polygons, Booleans]:

@@ -292,7 +292,9 @@ class Skeleton:
         used = np.unique(mesh.joint[mesh.weight > 0])
         if used.max(initial=0) >= len(nodes):
             raise FormatError(f"a vertex follows joint {used[-1]}, but its skin has only {len(nodes)} joints")
-        if len(singular := used[np.linalg.det(inverse_bind[used, :3, :3]) == 0]):
+        invertible = np.isfinite(inverse_bind[used]).all(axis=(1, 2))
+        invertible[invertible] = np.linalg.det(inverse_bind[used[invertible], :3, :3]) != 0
+        if len(singular := used[~invertible]):
             joint = shown(self.document.gltf.nodes[nodes[singular[0]]].name or f"Joint {singular[0]}")
             raise FormatError(f"the inverse bind matrix of {joint} cannot be inverted")
         shares = normalise(sparse_weights(np.arange(count)[:, None], mesh.joint, mesh.weight, (count, len(nodes))))

@@ -17,11 +17,12 @@ from scipy.sparse import csr_array
 
 from zoomout_core.arrays import Floats, to_floats
 from zoomout_core.mesh.memory import memory_in_words
+from zoomout_core.mesh.shapes import as_placed_surface
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.runtime.progress import Progress, advance, listening, stage
 from zoomout_core.runtime.threads import on_one_blas_thread
 from zoomout_core.transfer.dressing.contact import CONTACT, Barrier, Contact, SidedSurface
-from zoomout_core.transfer.dressing.form import Form, Lines, read_masks
+from zoomout_core.transfer.dressing.form import Form, Lines, place_worn, read_masks
 from zoomout_core.transfer.dressing.kept_parts import KeptParts
 from zoomout_core.transfer.dressing.patches import Patches
 from zoomout_core.transfer.keys.shape_keys import without_noise
@@ -85,7 +86,8 @@ def follow_keys(
         raise ValueError(
             f"offsets are of the shape {keys.shape}, or not finite: give finite ones ({len(body.vertices)}, keys, 3)."
         )
-    masks, followed = read_masks(worn, keep), list[Floats]()
+    masks, worn, body = read_masks(worn, keep), place_worn(worn), as_placed_surface(body)
+    followed = list[Floats]()
     with listening(progress), stage("Following the keys"):
         patches = Patches(body.vertices / unit, body.triangles)
         skin = SidedSurface.of(body, unit)

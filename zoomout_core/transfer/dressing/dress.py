@@ -22,9 +22,11 @@ from zoomout_core.geometry.procrustes import procrustes
 from zoomout_core.geometry.screened_smoothing import ScreenedSmoothing
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.memory import memory_in_words
+from zoomout_core.mesh.shapes import as_placed_surface
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import area_normals, unique_edges
-from zoomout_core.messages import warning
+from zoomout_core.messages import plural_warning
+from zoomout_core.runtime.option_names import suggest_names
 from zoomout_core.runtime.progress import Progress, advance, listening, portion, stage
 from zoomout_core.runtime.threads import on_one_blas_thread
 from zoomout_core.transfer.dressing.contact import (
@@ -37,7 +39,7 @@ from zoomout_core.transfer.dressing.contact import (
     push_out_rigidly,
 )
 from zoomout_core.transfer.dressing.following import Following, Motion
-from zoomout_core.transfer.dressing.form import Form, Lines, read_masks
+from zoomout_core.transfer.dressing.form import Form, Lines, place_worn, read_masks
 from zoomout_core.transfer.dressing.hair import hang
 from zoomout_core.transfer.dressing.kept_parts import KeptParts
 from zoomout_core.transfer.dressing.posed_contact import POSED_CONTACT, PosedBody, PosedBounds
@@ -62,8 +64,8 @@ LINK = 3**-0.5
 # than the second number, at unit area. Shorter ones are hardly visible.
 STRETCHED, MIN_LENGTH = 2.0, 0.01
 
-STUCK_POINT = "1 point still intersects the skin: check it."
-STUCK_POINTS = "{count:,} points still intersect the skin: check these."
+# Notes on points that are left inside the skin.
+STUCK = "1 point still intersects the skin: check it.", "{count:,} points still intersect the skin: check these."
 
 
 @dataclass(frozen=True)
@@ -112,6 +114,7 @@ class Dressed:
     outfit: Outfit | None = field(default=None, repr=False)
 
 
+@suggest_names
 @memory_in_words
 @on_one_blas_thread
 def dress(
@@ -151,6 +154,7 @@ def dress(
     """
     _check(carried, manners, stiffness, gap)
     read_masks(carried, keep)
+    source, target = as_placed_surface(source), as_placed_surface(target)
     with listening(progress):
         with portion(0, SHAPED):
             shape = shape_of_source(result, source, target)
@@ -186,7 +190,7 @@ def carry(
     """
     _check(carried, manners, stiffness, gap)
     how: Sequence[Manner] = ["automatic"] * len(carried) if manners is None else manners
-    masks = read_masks(carried, keep)
+    masks, carried = read_masks(carried, keep), place_worn(carried)
     fits = list[_Fit]()
     with stage("Dressing"):
         following = Following(body, shape)
@@ -255,8 +259,7 @@ class Outfit:
                 advance(done / len(self.layers))
         found = [fit.of_vertices(self.following) for fit in self.fits]
         vertices, turns, stretched = zip(*found, strict=True)
-        template = STUCK_POINT if stuck == 1 else STUCK_POINTS
-        notes = (warning(template, count=stuck),) if stuck else ()
+        notes = (plural_warning(stuck, *STUCK),) if stuck else ()
         return Dressed(vertices, turns, stretched, notes, self)
 
 

@@ -14,6 +14,7 @@ from scipy.sparse.csgraph import connected_components
 from zoomout_core.arrays import Floats, Integers, segment_sum
 from zoomout_core.geometry.procrustes import SMALLEST
 from zoomout_core.mesh.errors import MeshError
+from zoomout_core.mesh.shapes import place_unused
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import unique_edges
 from zoomout_core.spectral.laplacian import mesh_laplacian
@@ -106,6 +107,11 @@ class Form:
         rows = np.repeat(np.arange(len(counts)), counts)
         shares = np.repeat([1, 1 / 2, 1 / 3], [len(each) for each in columns])
         return csr_array((shares, (rows, np.concatenate(columns))), shape=(len(counts), n))
+
+
+def place_worn(worn: Sequence[Surface | Lines]) -> list[Surface | Lines]:
+    """Worn objects without unusable positions of vertices that no face uses, see `place_unused`."""
+    return [place_unused(each) if isinstance(each, Surface) else each for each in worn]
 
 
 def read_masks(carried: Sequence[Surface | Lines], keep: Sequence[ArrayLike | None] | None) -> list[Floats | None]:

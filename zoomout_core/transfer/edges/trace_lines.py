@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Integers
-from zoomout_core.messages import message
+from zoomout_core.messages import message, plural
 from zoomout_core.transfer.attribute import Attribute, nothing
 from zoomout_core.transfer.edges.edge_graph import MAX_DISTANCE, EdgeGraph, LocatedPoints, MappedGraph, locate_points
 from zoomout_core.transfer.edges.line_paths import MAX_GAP, LinePieces, LocatedLines, PathSteps, find_paths
@@ -136,8 +136,11 @@ def _notes(name: str, loose: int, pieces: LinePieces, lost: Integers, lines: Loc
     notes = []
     if loose:
         notes.append(
-            message(
-                "{layer}: {count:,} edges of the source belong to no face and were left out.", layer=name, count=loose
+            plural(
+                loose,
+                "{layer}: 1 edge of the source belongs to no face and was left out.",
+                "{layer}: {count:,} edges of the source belong to no face and were left out.",
+                layer=name,
             )
         )
     last = np.flatnonzero(np.diff(samples.chain, append=-1))

@@ -21,7 +21,7 @@ from scipy.spatial import cKDTree
 from zoomout_core.arrays import Booleans, Floats, Integers, row_norms
 from zoomout_core.geometry.procrustes import SMALLEST
 from zoomout_core.mesh.errors import MeshError
-from zoomout_core.mesh.shapes import ShapeLike, as_surface
+from zoomout_core.mesh.shapes import ShapeLike, as_placed_surface
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import edge_graph, vertex_areas
 from zoomout_core.mesh.working_mesh import WorkingMesh
@@ -160,7 +160,7 @@ def propose_face_landmarks(surface: ShapeLike, keys: Attribute) -> dict[str, int
         Traceback (most recent call last):
         zoomout_core.mesh.errors.MeshError: There is no shape key eyeBlinkLeft: add one, or place landmarks by hand.
     """
-    surface = as_surface(surface)
+    surface = as_placed_surface(surface)
     _check_keys(keys, len(surface.vertices))
     skin, slits, own = find_slits(surface, keys)
     rest = skin.vertices

@@ -18,11 +18,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.sparse import bsr_array, csc_array, csr_array
 
-from zoomout_core.arrays import Floats, row_norms
+from zoomout_core.arrays import Booleans, Floats, row_norms
 from zoomout_core.geometry.gradients import divergence_matrices, gradient_matrices
 from zoomout_core.geometry.procrustes import SMALLEST
 from zoomout_core.geometry.screened_smoothing import ScreenedSmoothing
-from zoomout_core.messages import message, warning
+from zoomout_core.messages import message, plural, warning
 from zoomout_core.runtime.threads import for_each
 from zoomout_core.transfer.attribute import Attribute
 from zoomout_core.transfer.frames import (
@@ -69,6 +69,9 @@ KEYS_AT_ONCE = 5
 # Shorter offsets are noise and are set to zero: lengths relative to the longest offset of the key, and at unit area.
 MIN_RELATIVE_OFFSET = 1e-4
 MIN_OFFSET = 1e-7
+# Motions of vertices without a partner, relative to the longest of the key: those below the first are set to zero, and
+# those up to the second fade in. A head's keys hardly move the cut of its neck, but would drift the body below it.
+STILL, MOVING = 0.01, 0.03
 # Keys that move nothing farther from the eyes than this move a head only. A unit is the distance between the eyes.
 HEAD = 5.0
 JOINED_LIPS = (
@@ -108,10 +111,10 @@ def carry_offsets(attribute: Attribute, mapped: MappedTarget) -> Attribute:
     face = None if expressions is None else find_slits(mapped.source, attribute)
     open_blinks = () if face is None else close_lids(carried, attribute, face, frames)
     move_rigid_parts(carried, offsets, frames, other_person)
-    uncertain = int((carried.any(axis=(1, 2)) & doubtful).sum())
-    notes = attribute.notes
-    if uncertain:
-        notes += (message("Shape keys are uncertain at {count:,} doubtful vertices: check these.", count=uncertain),)
+    if mapped.has_partner is not None:
+        lacking = ~mapped.has_partner
+        carried[lacking] *= _fade_in(carried)[lacking, :, None]
+    notes = attribute.notes + _note_on_doubts(carried, doubtful)
     if open_blinks:
         notes += (message("Eyelids close less than on the source: {keys}.", keys=", ".join(open_blinks)),)
     if expressions is not None and face is not None and has_joined_lips(expressions[-1], face, mapped):
@@ -136,6 +139,24 @@ def without_noise(offsets: Floats, area: float) -> Floats:
     length = np.sqrt(np.einsum("nkx,nkx->nk", offsets, offsets))
     least = np.maximum(MIN_RELATIVE_OFFSET * length.max(axis=0), MIN_OFFSET * np.sqrt(area))
     return np.where((length < least)[:, :, None], 0, offsets)
+
+
+def _fade_in(offsets: Floats) -> Floats:
+    """(n, keys) from 0 to 1, by the lengths of offsets (n, keys, 3) relative to the longest of the key."""
+    length = np.sqrt(np.einsum("nkx,nkx->nk", offsets, offsets))
+    share = length / np.maximum(length.max(axis=0), SMALLEST)
+    return np.asarray(np.clip((share - STILL) / (MOVING - STILL), 0, 1))
+
+
+def _note_on_doubts(offsets: Floats, doubtful: Booleans) -> tuple[str, ...]:
+    """A note on the vertices among those that are doubtful (n,) that offsets (n, keys, 3) move visibly."""
+    uncertain = int((_fade_in(offsets).any(axis=1) & doubtful).sum())
+    note = plural(
+        uncertain,
+        "Shape keys are uncertain at 1 doubtful vertex: check it.",
+        "Shape keys are uncertain at {count:,} doubtful vertices: check these.",
+    )
+    return (note,) if uncertain else ()
 
 
 def _are_near_eyes(offsets: Floats, expressions: list[Floats], vertices: Floats) -> bool:

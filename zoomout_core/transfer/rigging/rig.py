@@ -26,9 +26,9 @@ from zoomout_core.arrays import Floats, Integers
 from zoomout_core.geometry.closest_points import SurfaceSearch
 from zoomout_core.geometry.procrustes import SMALLEST, Similarities, nearest_rotations, procrustes
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.mesh.shapes import ShapeLike, as_surface
+from zoomout_core.mesh.shapes import ShapeLike, as_placed_surface
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.messages import Message, message
+from zoomout_core.messages import Message, plural
 from zoomout_core.runtime.threads import on_one_blas_thread
 from zoomout_core.transfer.dressing.dress import shape_of_source
 from zoomout_core.transfer.rigging.joints import MovedJoints, finite_joints
@@ -117,7 +117,7 @@ def move_rig(
         >>> moved.positions.shape, moved.rotations.shape
         ((2, 3), (2, 3, 3))
     """
-    source, target = as_surface(source), as_surface(target)
+    source, target = as_placed_surface(source), as_placed_surface(target)
     places, above = check_joints(joints, parents)
     unit = float(np.sqrt(source.area))
     if len(target.vertices) < RIG.coarse * len(source.vertices):
@@ -185,10 +185,12 @@ def note_on_idle_joints(names: Sequence[str], before: csr_array, after: csr_arra
     if not len(idle):
         return []
     return [
-        message(
+        plural(
+            len(idle),
+            "The joint '{joint}' moves nothing, because the target lacks its part: its place is estimated from the "
+            "other joints.",
             "{count} of {all} joints, such as '{joint}', move nothing, because the target lacks their part: their "
             "places are estimated from the other joints.",
-            count=len(idle),
             all=len(names),
             joint=names[idle[0]],
         )
@@ -201,11 +203,13 @@ def check_joints(joints: ArrayLike, parents: ArrayLike) -> tuple[Floats, Integer
     Raises:
         ValueError: they are not finite, or parents are no joints or form a cycle.
     """
-    places, above = finite_joints(joints), np.asarray(parents, dtype=np.int64).ravel()
-    if len(above) != len(places) or ((above < -1) | (above >= len(places))).any():
+    places, given = finite_joints(joints), np.ravel(np.asarray(parents, dtype=object)).tolist()
+    number = range(-1, len(places))
+    if len(given) != len(places) or not all(parent in number for parent in given):
         raise ValueError(
             f"parents does not fit {len(places)} joints: give for each the number of its parent, or -1 for none."
         )
+    above = np.array(given, dtype=np.int64)
     ancestor = above
     for _ in range(len(places)):
         if (ancestor < 0).all():

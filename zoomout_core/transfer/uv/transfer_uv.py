@@ -18,7 +18,7 @@ from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.transfer.attribute import Attribute
 from zoomout_core.transfer.cut_mesh import CUT_TOLERANCE
-from zoomout_core.transfer.finite import with_finite_uv
+from zoomout_core.transfer.finite import with_finite_values
 from zoomout_core.transfer.groups import first_of_each, label_groups
 from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.picks import Picks
@@ -43,7 +43,7 @@ def transfer_uv(attribute: Attribute, mapped: MappedTarget) -> Attribute:
 
 def pick_uv(attribute: Attribute, mapped: MappedTarget) -> Picks:
     """The corners of the source from which `transfer_uv` mixes each UV, apart from its clipping to a tile."""
-    _, sheets, _, row = _choose_rows(with_finite_uv(attribute, mapped.source), mapped)
+    _, sheets, _, row = _choose_rows(with_finite_values(attribute, mapped.source), mapped)
     return Picks(mapped.source.triangle_corners[sheets.triangle[row]], sheets.weights[row])
 
 

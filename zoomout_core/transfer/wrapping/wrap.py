@@ -19,10 +19,11 @@ from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.input_checks import vertex_numbers
 from zoomout_core.mesh.memory import memory_in_words
-from zoomout_core.mesh.shapes import ShapeLike, as_surface
+from zoomout_core.mesh.shapes import ShapeLike, as_placed_surface, place_unused
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import area_normals
-from zoomout_core.messages import message
+from zoomout_core.messages import message, plural
+from zoomout_core.runtime.option_names import suggest_names
 from zoomout_core.runtime.progress import Progress, advance, listening, portion, stage
 from zoomout_core.runtime.threads import on_one_blas_thread
 from zoomout_core.transfer.blend import mask_of
@@ -59,6 +60,7 @@ class Wrapped:
     notes: tuple[str, ...]
 
 
+@suggest_names
 @memory_in_words
 @on_one_blas_thread
 def wrap(
@@ -104,13 +106,15 @@ def wrap(
         True
     """
     check_fractions(smoothness=smoothness, detail=detail)
-    source, target = as_surface(source), as_surface(target)
+    source, target = as_placed_surface(source), as_placed_surface(target)
     mapped, unit = map_target(result, source, target), float(np.sqrt(source.area))
     weight = mask_of(mask, target)
     mapped = replace(mapped, confidence=mapped.confidence * weight)
     if mapped.has_partner is not None:
         weight = weight * mapped.has_partner
     if not weight.any():
+        if mask is None:
+            raise MeshError("The target cannot be wrapped, because no vertex has a partner: match again.")
         raise MeshError(
             "No part of the target can be wrapped, because no vertex has both a partner and a weight in the mask: "
             "change the mask, or match again."
@@ -162,6 +166,7 @@ def reverse_match(result: Match | SurfaceMap, source: Surface, target: Surface) 
     Raises:
         MeshError: the map is of other surfaces, or nothing corresponds.
     """
+    source, target = place_unused(source), place_unused(target)
     with portion(0, TURNED_ROUND):
         wrapped = wrap(result, source, target)
     with stage("Inverting the match", TURNED_ROUND, 1):
@@ -200,6 +205,8 @@ Landmarks: TypeAlias = tuple[Integers, Floats, Floats]
 def _places_of_landmarks(given: tuple[ArrayLike, ArrayLike] | None, source: Surface, target: Surface) -> Landmarks:
     if given is None:
         return np.empty((0, 3), dtype=np.int64), np.empty((0, 3)), np.empty((0, 3))
+    if len(given) != 2:
+        raise ValueError(f"landmarks has {len(given)} lists: give two, of places on the source and on the target.")
     of_source, of_target = given
     (corners, weights), on_target = _places("source", source, of_source), _places("target", target, of_target)
     if len(corners) != len(on_target[0]):
@@ -250,9 +257,17 @@ def _notes(fit: Fit, turned_over: int) -> tuple[str, ...]:
     """Sentences for the user."""
     kept = fit.weight == 0
     parts = len(np.unique(fit.working.component[moves_as_a_whole(fit.working, fit.weight)]))
-    cases = (
-        (int(kept.sum()), "{count:,} vertices without a partner, or outside the mask, keep their shape."),
-        (parts, "Loose parts that follow as rigid pieces: {count}."),
-        (turned_over, "{count:,} triangles are folded over: place landmarks there, or increase Smoothness."),
+    counted = (
+        plural(
+            int(kept.sum()),
+            "1 vertex without a partner, or outside the mask, keeps its place among its neighbors.",
+            "{count:,} vertices without a partner, or outside the mask, keep their shape.",
+        ),
+        message("Loose parts that follow as rigid pieces: {count}.", count=parts),
+        plural(
+            turned_over,
+            "1 triangle is folded over: place landmarks there, or increase Smoothness.",
+            "{count:,} triangles are folded over: place landmarks there, or increase Smoothness.",
+        ),
     )
-    return tuple(message(text, count=count) for count, text in cases if count)
+    return tuple(note for note in counted if note.values["count"])

@@ -25,8 +25,8 @@ TURN = Rotation.from_rotvec([0.4, -1.1, 0.7]).as_matrix()
 class Match:
     """A match with a given confidence."""
 
-    def __init__(self, surface_map: SurfaceMap, confidence: np.ndarray) -> None:
-        self.surface_map, self.confidence, self.has_partner = surface_map, confidence, None
+    def __init__(self, surface_map: SurfaceMap, confidence: np.ndarray, has_partner: np.ndarray | None = None) -> None:
+        self.surface_map, self.confidence, self.has_partner = surface_map, confidence, has_partner
 
 
 @pytest.fixture(scope="module")
@@ -434,3 +434,18 @@ def test_conforming_moves_the_target_onto_the_source(source: Sheet, straight: Sh
     torn = SurfaceMap(triangle, surface_map.barycentric, source.surface.triangles)
     laid = conform(Match(torn, np.where(wrong, 0.0, 1.0)), source.surface, target)
     assert np.linalg.norm(laid - images, axis=1)[wrong].max() < 0.1
+
+
+@pytest.mark.parametrize(("at_cut", "share"), [(0.005, 0.0), (0.02, 0.5), (0.5, 1.0)])
+def test_keys_that_hardly_move_a_cut_do_not_move_what_lies_beyond_it(
+    source: Sheet, at_cut: float, share: float
+) -> None:
+    # The lower half has no partner, as a body below a head.
+    height = source.surface.vertices[:, 2]
+    upper = np.clip((height - 2) / 2, 0, 1)
+    motion = (at_cut + (1 - at_cut) * upper**3)[:, None, None] * np.array([1.0, 0, 0])
+    match = Match(identity(source.surface), np.where(height < 2, 0, 1.0), height >= 2)
+    moved = transfer_keys(motion, match, source.surface, source.surface)
+    np.testing.assert_allclose(moved.values[height < 1.5, 0, 0], share * at_cut, atol=0.05 * share * at_cut)
+    np.testing.assert_allclose(moved.values[height > 3, 0], motion[height > 3, 0], atol=0.02)
+    assert bool(moved.notes) == bool(share)
