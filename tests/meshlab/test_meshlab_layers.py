@@ -194,7 +194,7 @@ def test_target_that_meshlab_would_prune_is_refused(broken):
         vertices[4] = np.nan
     ms = pymeshlab.MeshSet()
     ms.add_mesh(pymeshlab.Mesh(vertices, faces))
-    with pytest.raises(MeshError, match=r"1 (faces that use a vertex twice|vertices that are not finite)") as refusal:
+    with pytest.raises(MeshError, match=r"1 (face that uses a vertex twice|vertex that is not finite)") as refusal:
         check_target(read_layer(ms, 0))
     (remedy,) = [word.strip(".") for word in str(refusal.value).split() if word.startswith("meshing_")]
     ms.apply_filter(remedy)

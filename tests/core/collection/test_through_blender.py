@@ -221,7 +221,7 @@ def test_given_program_precedes_the_environment_variable(
     # With the program set, all readers accept these files.
     assert len(read_surface(folder / "hero.blend").vertices) == 300
     assert len(read_asset(folder / "scan.fbx").surface.vertices) == 300
-    with pytest.raises(MeshError, match=r"^It is broken\.$"):
+    with pytest.raises(MeshError, match=r"broken\.blend: It is broken\.$"):
         read_surface(folder / "broken.blend")
 
 
