@@ -39,7 +39,6 @@ from zoomout_core.matching.report.verdict import (
     AMBER,
     GREEN,
     LOW_CONFIDENCE,
-    RED,
     VERDICT,
     Verdict,
     check_verdict,
@@ -213,7 +212,7 @@ def _run_job(
 def _verdict(result: MatchResult, uncertain: list[str], count: int) -> Verdict:
     """Whether to use the landmarks: they may be right where the match has faults, but not if it is wrong as a whole."""
     of_match = result.verdict
-    if of_match.level == RED:
+    if of_match.is_wrong:
         return of_match
     text = message(SOME_UNCERTAIN, uncertain=len(uncertain), count=count, names=", ".join(uncertain))
     if result.certainty < VERDICT.certain:

@@ -17,7 +17,7 @@ from zoomout_core.collection.carried import PairTransfer
 from zoomout_core.collection.through_blender import carry_pair, read_item
 from zoomout_core.library.found import FoundPart
 from zoomout_core.matching.pipeline import match
-from zoomout_core.matching.report.verdict import RED, check_verdict
+from zoomout_core.matching.report.verdict import check_verdict
 from zoomout_core.matching.result import MatchResult
 from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.blender_files import ENDINGS as OF_BLENDER
@@ -98,7 +98,7 @@ def transfer_part(
     assert target.skin is not None  # parts are those of its joints
     with portion(1, 1):
         result = match(source.surface, target.surface)
-    if result.verdict.level == RED and not force:
+    if result.verdict.is_wrong and not force:
         return None, [part.sentence, warning(NOT_USED, file=part.path, joint=part.joint)]
     mask = np.clip(target.skin.weights @ np.isin(target.skin.names, part.joints).astype(float), 0, 1)
     moves = carry is Carry.RIG and source.skin is not None

@@ -11,7 +11,7 @@ import bpy
 from bpy.types import Context, Mesh
 
 import zoomout_core as zo
-from zoomout_core.matching.report.verdict import RED, RefusedMatchError
+from zoomout_core.matching.report.verdict import RefusedMatchError
 from zoomout_core.runtime.progress import portion
 
 from ...mesh_data import ObjectPair
@@ -91,7 +91,7 @@ async def find_match(
         match = (last_made_match(pair) if use.adjusted else None) or await match_pair(context, pair, **match_options)
     cache_made_match(pair, match)
     refused = None
-    if isinstance(match, zo.MatchResult) and match.verdict.level == RED and not use.adjusted and not use.force:
+    if isinstance(match, zo.MatchResult) and match.verdict.is_wrong and not use.adjusted and not use.force:
         refused = match
     return FoundMatch(match, settings, share, True, refused)
 
