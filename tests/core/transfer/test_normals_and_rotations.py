@@ -15,9 +15,10 @@ from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.geometry.procrustes import nearest_rotations
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.mesh.triangles import triangle_normals, vertex_normals
+from zoomout_core.mesh.triangles import triangle_normals, unit_vectors, vertex_normals
 from zoomout_core.samples.grids import grid, grid_faces, triangles_of
 from zoomout_core.transfer import Attribute, Domain, Kind, transfer
+from zoomout_core.transfer.normals import _are_flat
 
 BEND = 0.6
 TURN = Rotation.from_euler("xyz", [0.7, -1.1, 2.0]).as_matrix()
@@ -162,6 +163,17 @@ def test_coarse_targets_of_a_smooth_source_stay_smooth() -> None:
     assert degrees(result, shaded_flat(target)).max() > 40
     first = np.unique(target.corner_vertex, return_index=True)[1]
     assert degrees(result, result[first[target.corner_vertex]]).mean() < 5
+
+
+def test_gentle_turns_beside_a_hard_edge_do_not_make_a_face_smooth() -> None:
+    """Faces at the ridge of a slightly curved roof turn by 1 to 2 degrees towards the others, smoothly."""
+    x, y = grid(np.linspace(-1, 1, 21), np.linspace(-1, 1, 21)).vertices.T[:2]
+    roof = Surface(np.column_stack([x, y, -np.abs(x) - 0.2 * x**2]), grid_faces(20, 20))
+    across = roof.vertices[roof.corner_vertex].reshape(-1, 4, 3)[..., 0]
+    slope = np.sign(across.mean(axis=1))[:, None] + 0.4 * across
+    normals = np.stack([slope, 0 * slope, np.ones_like(slope)], axis=2).reshape(-1, 3)
+    at_ridge = (np.abs(across) < 1e-9).any(axis=1)
+    np.testing.assert_array_equal(_are_flat(unit_vectors(normals), roof), at_ridge)
 
 
 def test_fine_targets_keep_the_facets_of_a_source_that_is_shaded_flat() -> None:
