@@ -289,7 +289,7 @@ def _sentences(about: Record, rows: Sequence[Record], records: Sequence[Record])
     )
     undisturbed = sum(not _is_disturbed(record) for record in records)
     timed = (
-        f"The seconds are of the {undisturbed} pairs during which at most {MAX_LOAD} threads ran for each core."
+        f"Seconds count only pairs during which at most {MAX_LOAD} threads ran for each core: {undisturbed} of them."
         if undisturbed < len(records)
         else ""
     )

@@ -326,7 +326,7 @@ def test_pairs_measured_beside_other_processes_have_no_seconds(tmp_path: Path) -
     (tmp_path / "set.json").write_text(json.dumps(about()))
     (tmp_path / "set.jsonl").write_text("\n".join(map(json.dumps, records)))
     pages.write(tmp_path, tmp_path / "page.md")
-    assert "The seconds are of the 1 pairs during which" in (tmp_path / "page.md").read_text()
+    assert "threads ran for each core: 1 of them." in (tmp_path / "page.md").read_text()
 
 
 def test_methods_with_only_published_overlap_are_sorted_by_it() -> None:

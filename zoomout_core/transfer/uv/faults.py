@@ -69,7 +69,7 @@ def _seam_lengths(surface: Surface, uv: Floats) -> Floats:
 def _folded_share(chart: Chart, mapped: MappedTarget, seed: Integers, uv: Floats) -> float:
     """The share of the target's area on faces that span a fold, such as the middle of mirrored UVs, and lack UV area.
 
-    Their corners are on triangles of the source whose UVs have both orientations, and cover each other.
+    Their corners are on triangles of the source whose UVs have both orientations.
     """
     target = mapped.target
     covered, area, expected = _uv_areas(chart, mapped, seed, uv)
