@@ -21,8 +21,8 @@ from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.affine_maps import transform_points
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import vertex_normals
-from zoomout_core.transfer.rigging.bone_fit import next_above
 from zoomout_core.transfer.rigging.bone_pairs import Skeleton, same_humanoid
+from zoomout_core.transfer.rigging.bone_tree import next_above
 from zoomout_core.transfer.rigging.humanoid import MIN_BONES
 from zoomout_core.transfer.rigging.poses import parents_first
 from zoomout_core.transfer.rigging.rig import align_bones

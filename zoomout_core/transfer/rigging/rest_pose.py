@@ -33,7 +33,8 @@ from zoomout_core.runtime.threads import on_one_blas_thread
 from zoomout_core.transfer.frames import FULL_CONFIDENCE
 from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.rigging.bone_axes import keep_axes
-from zoomout_core.transfer.rigging.bone_fit import BONES, Pose, estimate_pose, refine_pose
+from zoomout_core.transfer.rigging.bone_fit import Pose, estimate_pose, refine_pose
+from zoomout_core.transfer.rigging.bone_problem import BONES
 from zoomout_core.transfer.rigging.skinning import skinning_matrices
 from zoomout_core.transfer.rigging.unpose import Rest, inverse_skinning
 from zoomout_core.transfer.rigging.weights import mixing_matrix

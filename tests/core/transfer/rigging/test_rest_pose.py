@@ -11,7 +11,8 @@ from zoomout_core.geometry.procrustes import Similarities
 from zoomout_core.mesh.affine_maps import transform_points
 from zoomout_core.samples.spheres import ball
 from zoomout_core.transfer import map_target
-from zoomout_core.transfer.rigging.bone_fit import BONES, Pose
+from zoomout_core.transfer.rigging.bone_fit import Pose
+from zoomout_core.transfer.rigging.bone_problem import BONES
 from zoomout_core.transfer.rigging.rest_pose import REST, align, correct_by_bones, correct_map, find_pose
 from zoomout_core.transfer.rigging.skinning import skinning_matrices
 from zoomout_core.tuning import retune
