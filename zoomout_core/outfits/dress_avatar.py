@@ -23,7 +23,9 @@ from zoomout_core.outfits.skeleton import Fit, align_avatars, bind_clothes, move
 from zoomout_core.runtime.progress import portion
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 from zoomout_core.transfer.dressing.body_keys import follow_keys
-from zoomout_core.transfer.dressing.dress import Dressed, Manner, carry, clear_in_poses
+from zoomout_core.transfer.dressing.dress import carry, clear_in_poses
+from zoomout_core.transfer.dressing.fitted_object import Manner
+from zoomout_core.transfer.dressing.layers import Dressed
 from zoomout_core.transfer.dressing.posed_contact import PosedBody
 from zoomout_core.transfer.rigging.poses import extend_poses, gentle_poses
 from zoomout_core.transfer.rigging.skinning import renumber_bones

@@ -11,7 +11,8 @@ from zoomout_core.mesh.affine_maps import blend_matrices, transform_points
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.samples.spheres import ball
 from zoomout_core.transfer.dressing.contact import SidedSurface
-from zoomout_core.transfer.dressing.dress import Dressed, carry, clear_in_poses
+from zoomout_core.transfer.dressing.dress import carry, clear_in_poses
+from zoomout_core.transfer.dressing.layers import Dressed
 from zoomout_core.transfer.dressing.posed_contact import POSED_CONTACT, PosedBody
 from zoomout_core.transfer.rigging.poses import pose_of_turns
 from zoomout_core.tuning import retune
