@@ -23,7 +23,7 @@ from zoomout_core.outfits.skeleton import Fit, align_avatars, bind_clothes, move
 from zoomout_core.runtime.progress import portion
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 from zoomout_core.transfer.dressing.body_keys import follow_keys
-from zoomout_core.transfer.dressing.dress import carry, clear_in_poses
+from zoomout_core.transfer.dressing.dress import clear_in_poses, fit_to_shape
 from zoomout_core.transfer.dressing.fitted_object import Manner
 from zoomout_core.transfer.dressing.layers import Dressed
 from zoomout_core.transfer.dressing.posed_contact import PosedBody
@@ -81,7 +81,7 @@ def dress_avatar(
     unknown = [pattern for pattern in keep if not mask_of(worn, [pattern]).any()]
     with portion(0, FITTED):
         shape = align_avatars(shape, source, target)
-        dressed = carry(
+        dressed = fit_to_shape(
             source.surface,
             shape,
             target.surface,

@@ -14,7 +14,7 @@ from zoomout_core.arrays import Floats
 from zoomout_core.messages import plural, sentences
 from zoomout_core.outfits.joint_match import match_by_joints
 from zoomout_core.runtime.progress import portion, stage
-from zoomout_core.transfer import carry
+from zoomout_core.transfer import fit_to_shape
 
 from ... import mesh_data
 from ...jobs import compute, pause, run
@@ -157,7 +157,9 @@ async def take_to_rest(context: Context, pair: ObjectPair, at_rest: Floats) -> W
     if not worn:
         return lambda: None
     skin, shapes = pair.target.with_vertices(at_rest), [each.shape for each in worn]
-    dressed = await compute(partial(carry, pair.target, at_rest, skin, shapes, keep=[each.mask for each in worn]))
+    dressed = await compute(
+        partial(fit_to_shape, pair.target, at_rest, skin, shapes, keep=[each.mask for each in worn])
+    )
 
     def write() -> None:
         check_unchanged(context, worn)

@@ -21,7 +21,7 @@ from zoomout_core.transfer import (
     Skeleton,
     WeightedBody,
     align_joints,
-    carry,
+    fit_to_shape,
     moving_with_skin,
     pair_bones,
     shape_of_source,
@@ -90,7 +90,7 @@ def fit_worn(match: stored_match.Match | zo.SurfaceMap, fitting: Fitting, dressi
     with portion(SHAPING, FITTED):
         if fitting.rigs is not None and fitting.weights is not None:
             shape = _align(shape, body, fitting, fitting.rigs, fitting.weights)
-        dressed = carry(
+        dressed = fit_to_shape(
             body,
             shape,
             fitting.target,

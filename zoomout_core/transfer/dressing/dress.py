@@ -88,7 +88,9 @@ def dress(
         with portion(0, SHAPED):
             shape = shape_of_source(result, source, target)
         with portion(SHAPED, 1):
-            return carry(source, shape, target, carried, manners=manners, keep=keep, stiffness=stiffness, gap=gap)
+            return fit_to_shape(
+                source, shape, target, carried, manners=manners, keep=keep, stiffness=stiffness, gap=gap
+            )
 
 
 def shape_of_source(result: Match | SurfaceMap, source: Surface, target: Surface) -> Floats:
@@ -99,7 +101,7 @@ def shape_of_source(result: Match | SurfaceMap, source: Surface, target: Surface
         return wrap(turned, target, source).vertices
 
 
-def carry(
+def fit_to_shape(
     body: Surface,
     shape: Floats,
     skin: Surface,
@@ -144,7 +146,7 @@ def clear_in_poses(dressed: Dressed, body: PosedBody, weights: Sequence[csr_arra
     """Displace fitted objects a little, so that they also stay outside the skin in poses.
 
     Args:
-        dressed: the fitted objects, by `carry`.
+        dressed: the fitted objects, by `fit_to_shape`.
         body: the motion of the body that they were fitted to, in its unit.
         weights: for each object (n, b) its weights, whose rows sum to one; None if it is not displaced.
     """
