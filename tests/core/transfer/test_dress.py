@@ -15,7 +15,7 @@ from zoomout_core.mesh.triangles import edge_lengths, unique_edges
 from zoomout_core.runtime.progress import Progress
 from zoomout_core.samples.spheres import ball
 from zoomout_core.transfer import Lines, dress, fit_to_shape
-from zoomout_core.transfer.dressing.contact import CONTACT, SidedSurface
+from zoomout_core.transfer.dressing.barriers import CONTACT, SidedSurface
 from zoomout_core.transfer.dressing.following import FOLLOWING
 from zoomout_core.transfer.dressing.solid_parts import SOLID
 from zoomout_core.tuning import retune

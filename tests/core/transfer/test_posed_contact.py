@@ -10,7 +10,7 @@ from scipy.sparse import csr_array
 from zoomout_core.mesh.affine_maps import blend_matrices, transform_points
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.samples.spheres import ball
-from zoomout_core.transfer.dressing.contact import SidedSurface
+from zoomout_core.transfer.dressing.barriers import SidedSurface
 from zoomout_core.transfer.dressing.dress import clear_in_poses, fit_to_shape
 from zoomout_core.transfer.dressing.layers import Dressed
 from zoomout_core.transfer.dressing.posed_contact import POSED_CONTACT, PosedBody

@@ -24,11 +24,7 @@ from zoomout_core.mesh.surface import Surface
 from zoomout_core.runtime.option_names import suggest_names
 from zoomout_core.runtime.progress import Progress, advance, listening, portion, stage
 from zoomout_core.runtime.threads import on_one_blas_thread
-from zoomout_core.transfer.dressing.contact import (
-    Barrier,
-    SidedSurface,
-    margins_with,
-)
+from zoomout_core.transfer.dressing.barriers import Barrier, SidedSurface, margins_with
 from zoomout_core.transfer.dressing.fitted_object import FittedObject, Manner
 from zoomout_core.transfer.dressing.following import Following
 from zoomout_core.transfer.dressing.form import Form, Lines, place_worn, read_masks

@@ -14,14 +14,8 @@ from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.mesh.triangles import area_normals
 from zoomout_core.messages import plural_warning
 from zoomout_core.runtime.progress import advance, stage
-from zoomout_core.transfer.dressing.contact import (
-    Barrier,
-    Bounds,
-    Contact,
-    Margins,
-    SidedSurface,
-    push_out_rigidly,
-)
+from zoomout_core.transfer.dressing.barriers import Barrier, Bounds, Margins, SidedSurface
+from zoomout_core.transfer.dressing.contact import Contact, push_out_rigidly
 from zoomout_core.transfer.dressing.fitted_object import DRESS, FittedObject
 from zoomout_core.transfer.dressing.following import Following
 from zoomout_core.transfer.dressing.posed_contact import POSED_CONTACT, PosedBody, PosedBounds
