@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Integers
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.maps.zoomout import slanted_sizes
+from zoomout_core.maps.zoomout_sizes import slanted_sizes
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.partial.curvature import CURVATURE, curvature_agreement, curvature_score
 from zoomout_core.matching.partial.gaps import GAPS, gap_area

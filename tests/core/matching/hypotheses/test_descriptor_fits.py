@@ -8,7 +8,7 @@ import pytest
 from creatures import creature
 
 from zoomout_core.maps.functional_map import resolvent_mask
-from zoomout_core.maps.zoomout import nearest_samples
+from zoomout_core.maps.upsample import nearest_samples
 from zoomout_core.matching.hypotheses.descriptors import (
     _fit,
     descriptor_hypotheses,

@@ -27,7 +27,7 @@ from shapes import (
 )
 
 import zoomout_core as zo
-from zoomout_core.maps.zoomout import nearest_samples, upsample
+from zoomout_core.maps.upsample import nearest_samples, upsample
 from zoomout_core.matching.hypotheses.descriptors import DESCRIPTORS, descriptor_hypotheses
 from zoomout_core.matching.hypotheses.extremities import (
     EXTREMITIES,

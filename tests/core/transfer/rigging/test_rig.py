@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 
 import zoomout_core as zo
 from zoomout_core.transfer.rigging.rig import RIG, Deformation, follow_longer_bones, joints_of_bones
-from zoomout_core.transfer.rigging.symmetric_joints import SYMMETRIC_JOINTS
 from zoomout_core.transfer.rigging.rig import place_joints as place_along
+from zoomout_core.transfer.rigging.symmetric_joints import SYMMETRIC_JOINTS
 from zoomout_core.tuning import retune
 
 LEG = tube(around=12, along=81)
