@@ -22,7 +22,8 @@ from zoomout_core.drawing import encode_png
 from zoomout_core.mesh.affine_maps import blend_matrices, transform_points
 from zoomout_core.mesh.decimation import decimate
 from zoomout_core.mesh.formats.files import read_surface
-from zoomout_core.mesh.formats.gltf_document import Buffer, Document, library
+from zoomout_core.mesh.formats.gltf_buffer import Buffer
+from zoomout_core.mesh.formats.gltf_document import Document, library
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import unit_vectors
 from zoomout_core.mesh.voxel_remesh import voxel_remesh

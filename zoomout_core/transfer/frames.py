@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import bsr_array, csc_array, diags_array
+from scipy.sparse import csc_array, diags_array
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
@@ -25,6 +25,7 @@ from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.runtime.once import once_per_argument
 from zoomout_core.spectral.laplacian import mesh_laplacian
 from zoomout_core.transfer.attribute import Domain
+from zoomout_core.transfer.gradients import products_of_gradients, without_sums
 from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.tuning import Tuning, tuned
 
@@ -353,29 +354,3 @@ def on_working_mesh(working: WorkingMesh, values: NDArray[Any]) -> NDArray[Any]:
     first = np.empty(len(working.vertices), dtype=np.int64)
     first[working.vertex_of[used]] = used
     return values[first]
-
-
-def without_sums(stiffness: csc_array) -> csc_array:
-    """A stiffness matrix with the same edges, whose columns sum to zero."""
-    return csc_array(stiffness - diags_array(stiffness.sum(axis=0)))
-
-
-def turn_gradients(stiffness: csc_array, turns: Floats) -> bsr_array:
-    """(3n, 3n) divergence of rotated gradients: a symmetric stiffness (n, n) applied to values with these gradients.
-
-    For each vertex i the sum of w_ij (M_i + M_j) / 2 (v_i - v_j) over its neighbours, with the weights w_ij of edges
-    and the matrices M (n, 3, 3); for values (n, 3) as one column. Rows of the stiffness sum to zero.
-    """
-    n = len(turns)
-    row, column = np.repeat(np.arange(n), np.diff(stiffness.indptr)), stiffness.indices
-    blocks = stiffness.data[:, None, None] * (turns[row] + turns[column]) / 2
-    sums = (stiffness @ turns.reshape(n, 9)).reshape(n, 3, 3) / 2
-    blocks[row == column] -= sums[row[row == column]]
-    return bsr_array((blocks, column, stiffness.indptr), shape=(3 * n, 3 * n))
-
-
-def products_of_gradients(stiffness: csc_array, first: Floats, second: Floats) -> Floats:
-    """(n, a, b) integrals, over the areas of vertices, of the products of gradients of values (n, a) and (n, b)."""
-    each = first[:, :, None] * (stiffness @ second)[:, None, :] + (stiffness @ first)[:, :, None] * second[:, None, :]
-    together = (first[:, :, None] * second[:, None, :]).reshape(len(first), -1)
-    return (each - (stiffness @ together).reshape(each.shape)) / 2

@@ -17,7 +17,8 @@ from zoomout_core.assets.gltf.animations import keep_animations, keep_copies
 from zoomout_core.assets.gltf.keep_avatars import keep_avatar
 from zoomout_core.assets.gltf.materials import ImageFiles, full_look, write_materials
 from zoomout_core.assets.gltf.meshes import write_meshes
-from zoomout_core.mesh.formats.gltf_document import STORED_MAP, Buffer, library
+from zoomout_core.mesh.formats.gltf_buffer import Buffer
+from zoomout_core.mesh.formats.gltf_document import STORED_MAP, library
 from zoomout_core.runtime.version import package_version
 
 if TYPE_CHECKING:

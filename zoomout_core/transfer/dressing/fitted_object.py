@@ -17,7 +17,7 @@ from zoomout_core.transfer.dressing.following import Following, Motion
 from zoomout_core.transfer.dressing.form import Form
 from zoomout_core.transfer.dressing.kept_parts import KeptParts
 from zoomout_core.transfer.dressing.solid_parts import solid_parts, touching_points, with_solid_parts
-from zoomout_core.transfer.frames import turn_gradients
+from zoomout_core.transfer.gradients import turn_gradients
 from zoomout_core.tuning import Tuning, tuned
 
 # Ways to fit objects: soft ones keep their form according to their stiffness, rigid ones rotate and scale as a whole.
