@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from zoomout_core.arrays import Booleans, Floats, Integers, segment_sum
-from zoomout_core.geometry.procrustes import MIN_SPREAD, Moments, nearest_rotations, products
+from zoomout_core.geometry.procrustes import fit_neighbourhoods, nearest_rotations, products
 from zoomout_core.geometry.screened_smoothing import ScreenedSmoothing
 from zoomout_core.mesh.triangles import vertex_areas
 from zoomout_core.mesh.working_mesh import WorkingMesh
@@ -150,11 +150,11 @@ class Frames:
         size = np.sqrt(self.mapped.source.area) / self.mapped.target.working.scale
         moments, side = self._moments, self._handedness
         wide = ScreenedSmoothing.of(self.smoothing.weights, self.stiffness, WIDE * FRAMES.smoothing_length)
-        _, deviation = _similarities(self.smoothing.smooth(moments), side)
+        _, deviation = fit_neighbourhoods(self.smoothing.smooth(moments), side)
         noise = wide.smooth(deviation[:, None])[:, 0]
 
         blend, share = size * self.turns, np.ones(len(side))
-        around, deviation = _similarities(wide.smooth(moments), side)
+        around, deviation = fit_neighbourhoods(wide.smooth(moments), side)
         whole, deviation_of_whole = self._whole
         large_turn, kept = without_small_turn(whole[0])
         for linear, sides, missed in (
@@ -206,15 +206,15 @@ class Frames:
 
     @cached_property
     def _moments(self) -> Floats:
-        """(n, 18) see `_similarities`; both surfaces are of unit area."""
+        """(n, 18) see `fit_neighbourhoods`; both surfaces are of unit area."""
         own = self.mapped.target.working.vertices[self.number]
         images = self.points[self.number] / np.sqrt(self.mapped.source.area)
         return np.column_stack([products(images, own), (own**2).sum(axis=1), np.ones(len(own))])
 
     @cached_property
     def _whole(self) -> tuple[Floats, Floats]:
-        """(1, 3, 3) the best similarity of all vertices, and (1,) the map's deviation from it; see `_similarities`."""
-        return _similarities(self.smoothing.weights[None] @ self._moments, self._side_of_most)
+        """(1, 3, 3) the best similarity of all vertices, and (1,) the map's deviation from it."""
+        return fit_neighbourhoods(self.smoothing.weights[None] @ self._moments, self._side_of_most)
 
     @cached_property
     def _side_of_most(self) -> Floats:
@@ -286,20 +286,6 @@ def without_small_turn(linear: Floats) -> tuple[Floats, float]:
     angle = np.degrees(rotation.magnitude())
     kept = float(np.clip((angle / FRAMES.same_direction - 1) / (OTHER_DIRECTION - 1), 0, 1))
     return np.asarray(scale * Rotation.from_rotvec(kept * rotation.as_rotvec()).as_matrix()), kept
-
-
-def _similarities(means: Floats, handedness: Floats) -> tuple[Floats, Floats]:
-    """(m, 3, 3) best similarities of neighbourhoods, and (m,) deviations of the map from them.
-
-    Takes the means (m, 18) of `products` of places and images, of the squares of images, and of ones. The deviation is
-    a share of the neighbourhood's size.
-    """
-    means = means[:, :17] / means[:, 17:]
-    moments = Moments.of_products(means[:, :16])
-    found = moments.similarities(handedness)
-    spread = np.maximum(means[:, 16] - (moments.image**2).sum(axis=1), MIN_SPREAD)
-    missed = np.maximum(spread - found.scale**2 * moments.spread, 0)
-    return found.linear, np.sqrt(missed / spread)
 
 
 def _fitting(deviation: Floats, noise: Floats) -> Floats:
