@@ -46,7 +46,6 @@ if TYPE_CHECKING:
         ShapeKey,
         ShapeKeys,
         join_shape_keys,
-        move_vertices,
         names_of_keys,
         offsets_of,
         read_full_offsets,
@@ -55,11 +54,8 @@ if TYPE_CHECKING:
         read_rest_positions,
         read_shape_keys,
         read_undeformed_positions,
-        rename_shape_keys,
-        write_animation,
-        write_shape,
-        write_shape_keys,
     )
+    from .keys.write_keys import move_vertices, rename_shape_keys, write_animation, write_shape, write_shape_keys
     from .objects.cutting import divide, write_divided
     from .objects.levels import DetailedMesh, add_level, read_detailed_mesh, read_given_level
     from .objects.live_link import (
