@@ -82,16 +82,7 @@ def _map_of_part(pair: Pair, candidate: Candidate) -> DenseMap:
     there = fit.surface_map
     functional_map = functional_map_by(there, source, target, candidate.functional_map.shape)
     known = found.partners.target
-    confidence, flipped = confidence_of(
-        there,
-        found.back,
-        functional_map,
-        source,
-        target,
-        reverses_orientation=False,
-        mirrored=False,
-        has_partner=known,
-    )
+    confidence, flipped = confidence_of(there, found.back, functional_map, source, target, has_partner=known)
     if is_small(source, target):
         confidence, flipped = _confidence_by_part(found, source, target, functional_map.shape)
     # Between the bases of both at unit area, as of all maps.
@@ -108,14 +99,5 @@ def _confidence_by_part(
     """
     there, known = found.fit.surface_map, found.partners.source
     functional_map = functional_map_by(found.back, target, source, size[::-1])
-    of_part, flipped = confidence_of(
-        found.back,
-        there,
-        functional_map,
-        target,
-        source,
-        reverses_orientation=False,
-        mirrored=False,
-        has_partner=known,
-    )
+    of_part, flipped = confidence_of(found.back, there, functional_map, target, source, has_partner=known)
     return found.partners.target * there.interpolate(of_part), flipped
