@@ -140,7 +140,7 @@ def _read_csv(text: str) -> LandmarkSet:
 
 
 def _columns(heading: list[str], width: int) -> list[int]:
-    """The columns of the coordinates, or of the vertex: those that the heading names, else the last ones."""
+    """The columns of the coordinates, or of the vertex: those that the heading names, otherwise the last ones."""
     for names in (["x", "y", "z"], ["vertex"]):
         if all(heading.count(name) == 1 for name in names):
             return [heading.index(name) for name in names]

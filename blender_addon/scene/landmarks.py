@@ -174,7 +174,7 @@ def confirm_landmarks(scene: Scene, objects: Sequence[Object], numbers: Collecti
 def next_number(scene: Scene, obj: Object, others: Iterable[Object]) -> int:
     """The number of the next landmark on an object.
 
-    It is the lowest number that another object has, and this one lacks or has as a proposal; else the next unused one.
+    It is the lowest number that another object has and this one lacks, or has as a proposal; otherwise the next one.
     """
     own = set(surface_points_on(scene, obj))
     theirs = set().union(*(surface_points_on(scene, other) for other in others if other != obj))

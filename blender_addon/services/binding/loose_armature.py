@@ -133,7 +133,7 @@ def _move(match: Any, pair: mesh_data.ObjectPair, bones: mesh_data.RigBones) -> 
 def loose_armature(context: Context, sources: Iterable[str]) -> str:
     """The name of the armature to move without weights; empty if bones move a source, or it is ambiguous.
 
-    It is the one that a source is bound to without weights, else the only selected one.
+    It is the one that a source is bound to without weights, otherwise the only selected one.
     """
     names = set(sources)
     if len(names) != 1:

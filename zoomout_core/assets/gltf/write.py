@@ -32,7 +32,7 @@ BINARY = (".glb", ".vrm")
 def write_gltf(asset: Asset, path: Path) -> tuple[str, ...]:
     """Write an asset to a .glb, .gltf or .vrm file; its skin provides the rest positions of its vertices.
 
-    The meshes of the document stay on their nodes if the surface is theirs (`Asset.nodes`); else the surface replaces
+    The meshes of the document stay on their nodes if the surface is theirs (`Asset.nodes`); otherwise it replaces
     all of them. A .gltf file has its buffer and images in files of their own if its document has.
 
     Returns:

@@ -24,7 +24,7 @@ class BoneTuning(Tuning, set_by="binding"):
     Attributes:
         coherence: weight of a bone's agreement with the bone that it shares most vertices with; bones with less area or
             trust follow that neighbour.
-        of_others: the same if the points are of another body, whose proportions would else bend and shift bones. With
+        of_others: the same if the points are of another body, whose proportions would otherwise bend bones. With
             1, game animals at rest end a fifth closer to their own rest shape, but people in strong poses half again as
             far from it.
         radius: distance at which a difference of two rotations is converted to a distance of points.

@@ -44,7 +44,7 @@ def bone_tree(fit: BoneProblem) -> BoneTree:
             order += found.tolist()
             above[found[1:]] = before[found[1:]]
     bone = np.arange(len(above))
-    together = np.where((shared[bone, above] > 0) & (above >= 0), above, bone)  # else the centroid of its vertices
+    together = np.where((shared[bone, above] > 0) & (above >= 0), above, bone)  # otherwise the centroid of its vertices
     moments = fit.pairs[bone, together]
     joint = moments[:, :3, 3] / np.maximum(moments[:, 3, 3], SMALLEST)[:, None]
     return BoneTree(np.array(order), above, joint)

@@ -313,7 +313,7 @@ def _height_of_arcs(surface: Surface) -> float:
 
 
 def _follow(projection: _Projection, mapped: MappedTarget, confidence: Floats) -> MappedTarget:
-    """The target along a projection: certain where it is trusted, else hardly trusted."""
+    """The target along a projection: certain where it is trusted, and with little weight elsewhere."""
     trust = np.where(projection.trusted, FULL_CONFIDENCE, REST.beside * confidence)
     return replace(mapped, surface_map=projection.surface_map, confidence=trust)
 

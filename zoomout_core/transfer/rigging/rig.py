@@ -132,7 +132,7 @@ def follow_longer_bones(
 ) -> tuple[Floats, Floats, Floats]:
     """Moved bones (b), in which those along a longer bone still are along it: halves of a limb, twists and controls.
 
-    Short bones would else take other directions than the bone that they copy or follow by constraints.
+    Short bones would otherwise take other directions than the bone that they copy or follow by constraints.
 
     Args:
         heads: (b, 3) where bones begin.
