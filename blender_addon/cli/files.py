@@ -23,14 +23,13 @@ from zoomout_core.runtime.outputs import atomic_write
 from ..properties.dress import DressOptions
 from ..properties.transfer import BindOptions, BlendOptions
 from ..scene.selection import asset_libraries
-from ..services.carry import FileTransfer, read_file
-from ..services.carry import carry as carry_file
 from ..services.dressing.read import Dressing
 from ..services.expressions import Review, has_keys, review_expressions
 from ..services.key_names import rename_shape_keys
 from ..services.library import read_assets
 from ..services.outfits import ENDINGS, BlenderFiles
 from ..services.targets import Outcome
+from ..services.transfer_files import FileTransfer, read_file, transfer_files
 from ..storage.stored_match import StoredMatch
 from ..translations import user_language
 from .arguments import as_in_sidebar
@@ -105,7 +104,7 @@ def carry(context: Context, options: argparse.Namespace) -> dict[str, Any]:
         settings=BlendOptions.settings(as_in_sidebar(options, BlendOptions)),
         binding=replace(binding, move_rig=options.move_rig) if options.bind or options.move_rig else None,
     )
-    outcome = carry_file(context, transfer)
+    outcome = transfer_files(context, transfer)
     return outcome.done | {name: {"error": reason} for name, reason in outcome.failed.items()}
 
 
@@ -143,7 +142,7 @@ def faces(context: Context, options: argparse.Namespace) -> dict[str, Any]:
         if outcome.done:
             reviews.append(review_expressions(context, sources, matches))
 
-    outcome = carry_file(context, _file_transfer(options, ("shape_keys",)), review)
+    outcome = transfer_files(context, _file_transfer(options, ("shape_keys",)), review)
     failed = {name: reason for name, reason in outcome.failed.items() if name not in without or not outcome.done}
     entries = outcome.done | {name: {"error": reason} for name, reason in failed.items()}
     for found in reviews:

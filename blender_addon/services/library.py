@@ -26,8 +26,8 @@ from .. import mesh_data
 from ..jobs import compute, run
 from ..scene.files import COLLECTION, append_assets, append_file, assets_of, open_empty_scene, shown_meshes
 from ..scene.pair import find_mesh, name_of
-from .carry import read_file
 from .found_pictures import last_pictures
+from .transfer_files import read_file
 
 # Fraction of the progress that the preparation takes; a prepared library takes no time.
 PREPARED = 0.5

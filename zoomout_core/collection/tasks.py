@@ -20,9 +20,15 @@ from zoomout_core.arrays import Floats, Integers
 from zoomout_core.assets.files import inputs_of, read_asset, write_asset
 from zoomout_core.assets.part_names import parts_of_file
 from zoomout_core.assets.transfer_asset import transfer_asset
-from zoomout_core.collection.carried import Carried, PairTransfer, forget_carried, read_carried, write_carried
 from zoomout_core.collection.pair_map import PairName, PairRecord, arrays_of, candidate_maps_of, load_candidate_maps
 from zoomout_core.collection.shapes import Item, ShapeSummary, content_key, spread_from_samples, summarise
+from zoomout_core.collection.transfer_records import (
+    PairTransfer,
+    TransferOutcome,
+    forget_outcome,
+    read_outcome,
+    write_outcome,
+)
 from zoomout_core.maps.known_match import KnownMatch
 from zoomout_core.matching.options import MatchOptions
 from zoomout_core.matching.pipeline import match
@@ -221,7 +227,7 @@ def match_pair(
     return Matched(pair, record, True, shipped)
 
 
-def transfer_pair(transfer: PairTransfer) -> Carried:
+def transfer_pair(transfer: PairTransfer) -> TransferOutcome:
     """Transfer a source's data to a target by their map file, unless this is on record.
 
     Raises:
@@ -231,18 +237,18 @@ def transfer_pair(transfer: PairTransfer) -> Carried:
     inputs = inputs_of(transfer.source, transfer.target)
     contents = [content_key(path.read_bytes()) for path in (*inputs, transfer.map_file) if path.is_file()]
     key = content_key(repr((contents, kinds, move_rig, output.name, package_version())).encode())
-    earlier = read_carried(record, key)
+    earlier = read_outcome(record, key)
     if earlier is not None and all(path.is_file() for path in inputs_of(output)):
         return earlier
-    forget_carried(record)
+    forget_outcome(record)
     assets = read_asset(transfer.source), read_asset(transfer.target)
     known = KnownMatch.load(transfer.map_file, assets[0].surface, assets[1].surface)
     made = transfer_asset(*assets, known, kinds, move_rig=move_rig)
     output.parent.mkdir(parents=True, exist_ok=True)
     left_out = write_asset(made.asset, output, inputs)
     notes = (*assets[0].notes, *assets[1].notes, *made.notes, *left_out)
-    found = Carried(notes, tuple(map(asdict, made.motions)))
-    write_carried(record, key, found)
+    found = TransferOutcome(notes, tuple(map(asdict, made.motions)))
+    write_outcome(record, key, found)
     return found
 
 

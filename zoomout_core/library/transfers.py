@@ -13,8 +13,8 @@ import numpy as np
 from zoomout_core.assets.asset import Asset, Skin
 from zoomout_core.assets.files import check_avatar, inputs_of, read_asset, write_asset
 from zoomout_core.assets.transfer_asset import KINDS, base_of, transfer_asset
-from zoomout_core.collection.carried import PairTransfer
-from zoomout_core.collection.through_blender import carry_pair, read_item
+from zoomout_core.collection.through_blender import read_item, transfer_pair_through_blender
+from zoomout_core.collection.transfer_records import PairTransfer
 from zoomout_core.library.found import FoundPart
 from zoomout_core.matching.pipeline import match
 from zoomout_core.matching.report.verdict import check_verdict
@@ -129,7 +129,9 @@ def transfer_through_blender(source: Path, target: Path, output: Path, carry: Ca
         kinds, moves = tuple(TRANSFERRED), carry is Carry.RIG
         with portion(MATCHED, 1):
             readable = target if known else of_target
-            found = carry_pair(PairTransfer(source, readable, map_file, output, kinds, record, moves), None)
+            found = transfer_pair_through_blender(
+                PairTransfer(source, readable, map_file, output, kinds, record, moves), None
+            )
     return Transferred(result, None, [*result.notes, *found.notes])
 
 

@@ -23,14 +23,14 @@ from zoomout_core.assets.transfer_asset import KINDS
 from zoomout_core.cli import main
 from zoomout_core.collection import run as run_module
 from zoomout_core.collection import tasks
-from zoomout_core.collection.carried import PairTransfer
-from zoomout_core.collection.carry import carry
 from zoomout_core.collection.collection import match_collection
 from zoomout_core.collection.engine import Done, InThisProcess, Task
 from zoomout_core.collection.pair_map import CandidateMaps, PairName, load_candidate_maps
 from zoomout_core.collection.report import figures_of_collection, lines_of_collection, page_of
 from zoomout_core.collection.shapes import Item
 from zoomout_core.collection.tasks import Prepared, place_of_map
+from zoomout_core.collection.transfer_records import PairTransfer
+from zoomout_core.collection.transfer_template import transfer_template
 from zoomout_core.matching.options import MatchOptions
 from zoomout_core.matching.preparation import memory_cache
 from zoomout_core.matching.presets import DETAIL
@@ -273,7 +273,7 @@ def test_unlikely_maps_transfer_nothing_unless_forced(
         agreement=None,
         failures={},
     )
-    received = carry(doubted, "a", KINDS, "glb", InThisProcess(), force=force)
+    received = transfer_template(doubted, "a", KINDS, "glb", InThisProcess(), force=force)
     assert list(received) == (["b"] if force else [])
     assert (matched.folder / "meshes" / "b.glb").exists() == force
     if not force:
@@ -350,7 +350,7 @@ def test_transfer_that_was_interrupted_is_repeated(
 
     size = rig(True)
     with monkeypatch.context() as patch:
-        patch.delattr(tasks, "write_carried")
+        patch.delattr(tasks, "write_outcome")
         with pytest.raises(NameError):
             rig(False)
     assert rig(True) == pytest.approx(size)
