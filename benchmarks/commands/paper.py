@@ -7,15 +7,7 @@ from pathlib import Path
 
 import click
 
-from benchmarks.command import (
-    FIGURE,
-    FILE,
-    FOLDER,
-    READ_FOLDER,
-    main,
-    refusals,
-    table_of_sets,
-)
+from benchmarks.command import FIGURE, FILE, FOLDER, READ_FOLDER, main, refusals, table_of_sets
 from benchmarks.paper import clutter as clutter_table
 from benchmarks.paper import discretisation as discretisation_table
 from benchmarks.paper import downsampled as downsampled_table

@@ -7,12 +7,7 @@ from pathlib import Path
 
 import click
 
-from benchmarks.command import (
-    DATA,
-    FIGURE,
-    table,
-    table_of_sets,
-)
+from benchmarks.command import DATA, FIGURE, table, table_of_sets
 from benchmarks.tables import Tables
 from benchmarks.timings import profile as profile_table
 from benchmarks.timings import scale as scale_tables

@@ -9,15 +9,7 @@ import click
 
 from benchmarks import rigs as rigs_table
 from benchmarks import wrap as wrap_table
-from benchmarks.command import (
-    FILE,
-    READ_FILE,
-    READ_FOLDER,
-    main,
-    pictures_of,
-    table,
-    table_of_sets,
-)
+from benchmarks.command import FILE, READ_FILE, READ_FOLDER, main, pictures_of, table, table_of_sets
 from benchmarks.tables import Tables, write_page
 
 

@@ -16,9 +16,7 @@ from benchmarks.baselines.rhm import rhm
 from benchmarks.baselines.sampled_zoomout import sampled_zoomout
 from benchmarks.baselines.spectral_icp import spectral_icp
 from benchmarks.datasets import PairOfMeshes
-from benchmarks.paper.starts import (
-    K_INITIAL,
-)
+from benchmarks.paper.starts import K_INITIAL
 from zoomout_core.arrays import Integers
 
 # Sizes of functional maps in the paper: the final one, and the fixed one.

@@ -58,13 +58,7 @@ if TYPE_CHECKING:
     from .keys.write_keys import move_vertices, rename_shape_keys, write_animation, write_shape, write_shape_keys
     from .objects.cutting import divide, write_divided
     from .objects.levels import DetailedMesh, add_level, read_detailed_mesh, read_given_level
-    from .objects.live_link import (
-        NODE_TYPES,
-        LinkedLayer,
-        link_modifier,
-        remove_link,
-        write_link,
-    )
+    from .objects.live_link import NODE_TYPES, LinkedLayer, link_modifier, remove_link, write_link
     from .objects.shaped_copy import add_shaped_copy
     from .objects.strands import attach_strands
     from .objects.text import text_triangles

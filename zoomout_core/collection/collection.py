@@ -133,15 +133,8 @@ def match_collection(
         >>> collection.matched
         1
     """
-    if sum(choice is not None for choice in (template, pairs, neighbours)) != 1:
-        raise MeshError(
-            "Give exactly one of a template, pairs and a number of neighbours to choose which shapes are matched."
-        )
-    if neighbours is not None:
-        check_counts(neighbours=neighbours)
     options = MatchOptions() if options is None else options
-    if options.landmarks is not None or options.initial_map is not None or options.regions is not None:
-        raise ValueError("Landmarks, regions and initial maps belong to a single pair: match that pair on its own.")
+    _check_choices(template, pairs, neighbours, options)
     temporary = tempfile.TemporaryDirectory(prefix="zoomout-") if folder is None else None
     place = Path(temporary.name if temporary is not None else folder or "")
     items = _items_of(shapes, template, place)
@@ -175,6 +168,18 @@ def match_collection(
         run.matched,
         temporary,
     )
+
+
+def _check_choices(template: object, pairs: object, neighbours: int | None, options: MatchOptions) -> None:
+    """Check that pairs are chosen in one way, and that the options suit all of them."""
+    if sum(choice is not None for choice in (template, pairs, neighbours)) != 1:
+        raise MeshError(
+            "Give exactly one of a template, pairs and a number of neighbours to choose which shapes are matched."
+        )
+    if neighbours is not None:
+        check_counts(neighbours=neighbours)
+    if options.landmarks is not None or options.initial_map is not None or options.regions is not None:
+        raise ValueError("Landmarks, regions and initial maps belong to a single pair: match that pair on its own.")
 
 
 def _items_of(

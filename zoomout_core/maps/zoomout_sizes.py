@@ -10,9 +10,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from zoomout_core.arrays import Floats, check_counts
-from zoomout_core.maps.functional_map import (
-    check_fits_bases,
-)
+from zoomout_core.maps.functional_map import check_fits_bases
 from zoomout_core.spectral.eigenbasis import SpectralBasis
 from zoomout_core.tuning import Tuning, tuned
 

@@ -143,27 +143,9 @@ async def read_fitting(
     worn = await _read_all(context, chosen, at_rest, dressing.keep, left_out)
     # Objects that were found before a pause may be gone.
     target = find_mesh(context, pair.target_name)
-    if dressing.keep and all(each.mask is None for each in worn):
-        notes.append(
-            warning(
-                "None of the objects has a vertex group '{group}', so all of them follow the body: choose another one.",
-                group=dressing.keep,
-            )
-        )
-    keys = mesh_data.read_body_keys(target)
-    if keys is not None and not dressing.follow_keys:
-        if at_rest:  # copies without keys fit the target with the present values of its keys
-            onto = onto.with_vertices(onto.vertices + keys.at_rest)
-        keys = None
-    if keys is not None and not at_rest and not mesh_data.stands_as_modelled(target, onto.vertices - keys.displacement):
-        keys = None
-        notes.append(
-            warning(
-                "The objects have no keys for the shape keys of '{target}', because it is deformed: undo the "
-                "deformation, and dress it again.",
-                target=target.name,
-            )
-        )
+    notes += _notes_on_group(worn, dressing.keep)
+    onto, keys, notes_on_keys = _keys_to_follow(target, onto, dressing.follow_keys, at_rest)
+    notes += notes_on_keys
     weights = read_group_weights(context, pair, worn) if at_rest else None
     bones = mesh_data.read_bones(target).names
     worn_too = [name in chosen for name in pair.source_names]
@@ -171,6 +153,44 @@ async def read_fitting(
     bodies = [find_mesh(context, name) for name in pair.source_names if name not in chosen]
     active = [found for body in bodies if (found := _read_active_keys(body)) is not None]
     return Fitting(surface, onto, is_body, worn, keys, rigs, weights, bones, active, notes)
+
+
+def _notes_on_group(worn: Sequence[Worn], keep: str) -> list[Message]:
+    """A warning if no object has the vertex group of the parts that keep their form."""
+    if not keep or any(each.mask is not None for each in worn):
+        return []
+    return [
+        warning(
+            "None of the objects has a vertex group '{group}', so all of them follow the body: choose another one.",
+            group=keep,
+        )
+    ]
+
+
+def _keys_to_follow(
+    target: Object, onto: zo.Surface, follow: bool, at_rest: bool
+) -> tuple[zo.Surface, BodyKeys | None, list[Message]]:
+    """The surface to fit copies to, the target's shape keys that they follow, if any, and notes.
+
+    Args:
+        target: the target.
+        onto: its matched surface, in the pose for the fitting.
+        follow: whether copies should follow its shape keys.
+        at_rest: whether copies are fitted in the rest pose.
+    """
+    keys = mesh_data.read_body_keys(target)
+    if keys is None:
+        return onto, None, []
+    if not follow:  # copies without keys fit the target with the present values of its keys
+        return onto.with_vertices(onto.vertices + keys.at_rest) if at_rest else onto, None, []
+    if at_rest or mesh_data.stands_as_modelled(target, onto.vertices - keys.displacement):
+        return onto, keys, []
+    note = warning(
+        "The objects have no keys for the shape keys of '{target}', because it is deformed: undo the "
+        "deformation, and dress it again.",
+        target=target.name,
+    )
+    return onto, None, [note]
 
 
 def _read_active_keys(body: Object) -> ActiveKeys | None:
