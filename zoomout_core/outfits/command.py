@@ -14,17 +14,8 @@ from zoomout_core.matching.options import MatchOptions
 from zoomout_core.matching.preparation.disk_cache import remove_shapes
 from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.folders import meshes_of_all
-from zoomout_core.outfits.batch import (
-    BODIES,
-    BY_JOINTS,
-    DRESSED,
-    FITS,
-    PICTURES,
-    RECORDS,
-    AvatarFiles,
-    OutfitsResult,
-    dress_all,
-)
+from zoomout_core.outfits.batch import BODIES, BY_JOINTS, FITS, OutfitsResult, dress_all
+from zoomout_core.outfits.dress_file import DRESSED, PICTURES, RECORDS, AvatarFiles
 from zoomout_core.outfits.report import write_reports
 from zoomout_core.runtime.outputs import check_inputs_outside, check_output
 from zoomout_core.translations import language_of

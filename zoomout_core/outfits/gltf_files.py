@@ -20,9 +20,10 @@ from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.gltf_document import VRM_0
 from zoomout_core.mesh.formats.opening import file_bytes
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.outfits.batch import FITS, DressedFile
+from zoomout_core.outfits.batch import FITS
 from zoomout_core.outfits.check import check_outfit
 from zoomout_core.outfits.dress_avatar import dress_avatar
+from zoomout_core.outfits.dress_file import DressedFile
 from zoomout_core.outfits.parts import split_avatar
 from zoomout_core.outfits.skeleton import rigged_body
 from zoomout_core.runtime.array_files import ArrayFileError, read_arrays, write_arrays
