@@ -133,7 +133,7 @@ def outfits(
     records: Path | None,
 ) -> Tables:
     """Outfits on other bodies: error, penetration of the skin, distortion, keys and bones, beside Surface Deform."""
-    from benchmarks import outfits as outfits_table  # it starts Blender, which the other tables do without
+    from benchmarks.outfits import table as outfits_table  # it starts Blender, which the other tables do without
 
     for chosen, known in ((kinds, outfits_table.KINDS), (ways, outfits_table.EVERY_WAY)):
         if not set(chosen) <= set(known):

@@ -183,6 +183,8 @@ WAYS: dict[str, Way] = {
 }
 # `bind_to_nearest` with the true map, which no method has.
 BY_TRUE_MAP = "nearest triangle, true map"
+# The authors' own outfit on the target, if it is known.
+TRUE = "truth"
 
 
 def _object(name: str, surface: Surface) -> Object:
