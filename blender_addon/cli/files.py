@@ -32,7 +32,7 @@ from ..services.targets import Outcome
 from ..services.transfer_files import FileTransfer, read_file, transfer_files
 from ..storage.stored_match import StoredMatch
 from ..translations import user_language
-from .arguments import as_in_sidebar
+from .property_arguments import as_in_sidebar
 
 
 def surface(context: Context, options: argparse.Namespace) -> dict[str, Any]:
