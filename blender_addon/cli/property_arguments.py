@@ -20,10 +20,11 @@ def as_in_sidebar(options: argparse.Namespace, *groups: type) -> Any:
     values = {}
     for group in groups:
         for name, option in group.__annotations__.items():
-            value = getattr(options, name)
-            kind = _kind(option)
-            is_angle = option.keywords.get("subtype") == "ANGLE"
-            values[name] = value.upper() if kind == "Enum" else math.radians(value) if is_angle else value
+            values[name] = getattr(options, name)
+            if _kind(option) == "Enum":
+                values[name] = values[name].upper()
+            elif option.keywords.get("subtype") == "ANGLE":
+                values[name] = math.radians(values[name])
     return SimpleNamespace(**values)
 
 
@@ -50,7 +51,8 @@ def _argument(flag: str, name: str, option: Any) -> tuple[str, dict[str, Any]]:
     if kind == "String":
         return flag, {"metavar": "TEXT", "default": "", "help": explanation}
     is_angle = definition.get("subtype") == "ANGLE"
-    convert = math.degrees if is_angle else float if kind == "Float" else int
+    number = float if kind == "Float" else int
+    convert = math.degrees if is_angle else number
     low, high = (None if definition.get(end) is None else convert(definition[end]) for end in ("min", "max"))
     return flag, {
         "type": _number(int if kind == "Int" else float, low, high),

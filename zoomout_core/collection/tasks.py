@@ -72,7 +72,8 @@ class Workplace:
 
     def storing(self, of: str = "") -> AbstractContextManager[None]:
         """A context that stores prepared shapes as this workplace says; that `of` a name, to be sent, separately."""
-        cache = self.cache if self.results is not None else self.folder / (f"{PREPARED}/{of}" if of else CACHE)
+        private = self.folder / PREPARED / of if of else self.folder / CACHE
+        cache = self.cache if self.results is not None else private
         return nullcontext() if cache is None else store_shapes_in(cache, MAX_BYTES)
 
     def key(self, *parts: object) -> str:

@@ -145,9 +145,8 @@ def join_shape_keys(of_each: Sequence[ShapeKeys]) -> tuple[ShapeKeys, list[list[
     """
     if len(of_each) == 1:
         return of_each[0], [list(of_each[0].offsets.labels)]
-    columns = {
-        name: i for i, name in enumerate(dict.fromkeys(name for each in of_each for name in each.offsets.labels))
-    }
+    names = dict.fromkeys(name for each in of_each for name in each.offsets.labels)
+    columns = {name: column for column, name in enumerate(names)}
     joined, own, offsets = dict[str, ShapeKey](), [], []
     for each in of_each:
         new = {key.name: _renumber(key, each.keys, columns) for key in each.keys if key.name not in joined}

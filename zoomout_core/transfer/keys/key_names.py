@@ -254,11 +254,10 @@ def _check(convention: str) -> None:
 
 def _missing(present: Collection[str], convention: str) -> tuple[str, ...]:
     """The names of a convention that are not present, except for parts of an expression that is present."""
-    cells = _cells(convention)
-    there = set(present)
-    covered = {
-        key for cell in cells if any(there.issuperset(keys) for keys in cell.sums) for keys in cell.sums for key in keys
-    }
+    there, covered = set(present), set[str]()
+    for cell in _cells(convention):
+        if any(there.issuperset(keys) for keys in cell.sums):
+            covered.update(*cell.sums)
     return tuple(name for name in key_names(convention) if name not in covered)
 
 
