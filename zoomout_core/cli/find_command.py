@@ -21,7 +21,7 @@ from zoomout_core.library.found import FoundPart, FoundSource, FoundSources
 from zoomout_core.library.library import INDEX, Library, find_source
 from zoomout_core.library.report import figures_of_targets, lines_of_targets, write_reports
 from zoomout_core.library.target_records import MADE, PICTURES, RECORDS
-from zoomout_core.library.transfers import Carry
+from zoomout_core.library.transfers import TransferMode
 from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.folders import meshes_of_all
 from zoomout_core.messages import message, note_figures, note_lines, probability
@@ -113,10 +113,10 @@ def find(
         check_output(output / REPORT if output.is_dir() else output)
         files = meshes_of_all(targets, MESHES)
         check_inputs_outside([*inputs_of(*files), *map(Path, folders)], output, REPLACED)
-        carry = Carry.RIG if move_rig else Carry.DATA if transfer else Carry.NOTHING
+        mode = TransferMode.RIG if move_rig else TransferMode.DATA if transfer else TransferMode.NOTHING
         named = {item.name: item.path for item in items_of(files)}
         with progress_bar():
-            result = find_all(named, libraries, output, carry, compare=compare, parts=parts, force=force, resume=resume)
+            result = find_all(named, libraries, output, mode, compare=compare, parts=parts, force=force, resume=resume)
         write_reports(result)
     except (ValueError, OSError, ImportError) as error:
         raise click.ClickException(str(error)) from None
