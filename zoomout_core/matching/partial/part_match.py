@@ -196,7 +196,7 @@ def fit_part(pair: Pair, candidate: Candidate) -> PartFit:
     one = candidate.part_match
     region = one.region
     in_region = one.finished if one.finished is not None else _register_finally(one, pair)
-    registered = region.carry(in_region)
+    registered = region.to_whole(in_region)
     residual = PART_MATCH.residual * region.unit
     of_part = (registered.residual < residual) & (registered.agreement > 0) & registered.is_near
     on_part, of_whole = _on_part(registered, part, whole, residual)
@@ -232,7 +232,7 @@ def _candidate(one: PartCandidate, pair: Pair, disagreement: Disagreement, uprig
     """The map of a part as a candidate of the pair; its certainty is computed once all rivals are known."""
     source, target = pair.source_shape, pair.target_shape
     part, whole = part_of(pair)
-    bent = one.region.carry(one.registered).positions[part.search.samples]
+    bent = one.region.to_whole(one.registered).positions[part.search.samples]
     still = whole.mesh.vertices[whole.search.samples]
     from_target, onto_source = (still, bent) if part is source else (bent, still)
     sample_map = np.asarray(cKDTree(onto_source).query(from_target)[1])

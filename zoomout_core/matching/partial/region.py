@@ -93,7 +93,7 @@ class Region:
         """(q, 3) points given in the frame of the region, in that of the whole in the pair."""
         return self.of_whole.proxy.from_surface(self.whole.shape.proxy.to_surface(points))
 
-    def carry(self, registered: RegisteredPart) -> RegisteredPart:
+    def to_whole(self, registered: RegisteredPart) -> RegisteredPart:
         """A part that is bent onto the region, bent onto the whole, on the meshes and in the unit of the pair."""
         if self.vertex is None:
             return registered
