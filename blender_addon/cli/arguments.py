@@ -18,7 +18,7 @@ from ..properties.symmetry import DetectOptions, DirectionOptions, KeyOptions, L
 from ..properties.transfer import BindChoice, BindOptions, BindView, BlendOptions
 from ..properties.wrap import WrapOptions
 from . import NAME
-from .property_arguments import _number, add_options
+from .property_arguments import add_options, number_type
 
 LAYERS = tuple(name for name in LayerOptions.__annotations__ if name != "uv_layout")
 CHECKS = ("shape", "weights")
@@ -266,7 +266,7 @@ def _add_symmetry(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--detect-again", action="store_true", help="find symmetries again, even if an object has some")
     add_options(parser, DetectOptions)
-    parser.add_argument("--use", type=_number(int, 1, None), metavar="N", help="use the Nth symmetry found")
+    parser.add_argument("--use", type=number_type(int, 1, None), metavar="N", help="use the Nth symmetry found")
     parser.add_argument("--swap-sides", action="store_true", help="swap left and right")
     parser.add_argument("--name-sides", action="store_true", help="create vertex groups for the sides")
     add_options(parser, SideOptions)

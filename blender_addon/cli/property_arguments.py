@@ -55,14 +55,14 @@ def _argument(flag: str, name: str, option: Any) -> tuple[str, dict[str, Any]]:
     convert = math.degrees if is_angle else number
     low, high = (None if definition.get(end) is None else convert(definition[end]) for end in ("min", "max"))
     return flag, {
-        "type": _number(int if kind == "Int" else float, low, high),
+        "type": number_type(int if kind == "Int" else float, low, high),
         "metavar": "N",
         "default": round(convert(default), 6),
         "help": f"{explanation}, in degrees" if is_angle else explanation,
     }
 
 
-def _number(kind: type, minimum: float | None, maximum: float | None) -> Callable[[str], float]:
+def number_type(kind: type, minimum: float | None, maximum: float | None) -> Callable[[str], float]:
     """A parser of numbers in a range."""
 
     def read(text: str) -> float:
