@@ -128,7 +128,7 @@ class Similarities:
         """Transform points (..., n, d) back."""
         return np.asarray((points - self.translation[..., None, :]) @ self.rotation / self.scale[..., None, None])
 
-    def __getitem__(self, chosen: slice | Integers) -> Similarities:
+    def __getitem__(self, chosen: int | slice | Integers) -> Similarities:
         return Similarities(self.scale[chosen], self.rotation[chosen], self.translation[chosen])
 
     def repeat(self, count: int) -> Similarities:
