@@ -244,7 +244,7 @@ def _candidate(one: PartCandidate, pair: Pair, disagreement: Disagreement, uprig
     against = disagreement(functional_map, sample_map, None)
     if upright:
         against |= {UPRIGHT: one.scores[UPRIGHT]}
-    total = one.scores["fit"] + sum(EVIDENCE_WEIGHTS[name] * value for name, value in against.items())
+    total = one.cost + sum(EVIDENCE_WEIGHTS[name] * value for name, value in against.items())
     return Candidate(
         origin="one shape as a part of the other",
         reverses_orientation=False,
