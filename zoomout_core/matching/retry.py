@@ -33,7 +33,7 @@ from zoomout_core.matching.partial.unknown_scale import (
     unit_fits,
 )
 from zoomout_core.matching.ranking.candidate import Candidate
-from zoomout_core.matching.ranking.certainty import CERTAINTY, certainty_but_for_turns
+from zoomout_core.matching.ranking.certainty import CERTAINTY, certainty_but_for_turns, certainty_of_fit
 from zoomout_core.matching.ranking.finished_maps import rank_finished
 from zoomout_core.matching.ranking.rank import rank, with_others
 from zoomout_core.matching.ranking.rotational_symmetry import with_turned
@@ -84,9 +84,12 @@ def attempt_part(whole: Attempt, known: Constraints) -> Attempt:
         best = _as_part(whole, pair, candidates, PART_MATCH.likely)
         if unit_fits(candidates):
             return best
-        # A map of fragments as wholes has a partner for nearly all of their area, so it is worse than an unlikely part.
-        if are_fragments(whole.pair) and certainty_but_for_turns(whole.candidates) < PART_MATCH.likely:
+        # A map of fragments as wholes has a partner for nearly all of their area. It competes as a part, too.
+        if are_fragments(whole.pair):
             last = _as_part(whole, pair, candidates, likely=0.0)
+            # Rivals in the same unit do not indicate another one.
+            if best is whole and candidates and certainty_of_fit(candidates[0].scores) >= PART_MATCH.likely:
+                return last
     certainty = best.candidates[0].certainty
     enough = UNKNOWN_SCALE.certain if best is whole else UNKNOWN_SCALE.enough
     if certainty >= enough or (best is not whole and are_fragments(whole.pair)):

@@ -17,7 +17,6 @@ from scipy.special import expit
 
 from zoomout_core.arrays import Floats
 from zoomout_core.matching.partial.curvature import curvature_score
-from zoomout_core.matching.partial.fragment_overlap import OVERLAP
 from zoomout_core.matching.partial.gaps import GAPS
 from zoomout_core.matching.partial.part_candidates import images_apart
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
@@ -106,9 +105,6 @@ class PartCertaintyTuning(Tuning, set_by="partial"):
 
     another_map: float = tuned(0.1, "length", 0, 2)  # mean distance of images above which two maps are rivals
     rivalry: float = tuned(10.0, "1", 0, 100)  # rate at which the odds of a rival decrease with the lead in score
-    # The same for two fragments, whose score is the cost of their overlap. The most likely rate is 3 on the 20 pairs
-    # that set this score if the true placement is added to the candidates, and 5 without it.
-    rivalry_of_fragments: float = tuned(4.0, "1", 0, 100)
     misfit: float = tuned(6.6, "1", -100, 100)  # logarithm of the odds against a map whose fit is 0
     misfit_rate: float = tuned(2.3, "1", 0, 100)  # rate at which it increases with the fit
     extent: float = tuned(1.75, "1", 0, 100)  # rate at which it decreases with the logarithm of the area on the whole
@@ -282,8 +278,6 @@ def certainty_of_part(one: Candidate, found: Sequence[Candidate]) -> float:
     assert one.part_match is not None
     everywhere = one.part_match.region.is_everywhere
     rivals, rivalry = 0.0, PART_CERTAINTY.rivalry if everywhere else SMALL_PART_CERTAINTY.rivalry
-    if OVERLAP in one.scores:
-        rivalry = PART_CERTAINTY.rivalry_of_fragments
     for other in found:
         if other is one or other.part_match is None:
             continue
