@@ -19,12 +19,12 @@ from zoomout_core.collection.shapes import content_key
 from zoomout_core.collection.tasks import place_of_map
 from zoomout_core.drawing import encode_png
 from zoomout_core.matching.options import MatchOptions
-from zoomout_core.matching.report.verdict import Verdict, check_verdict, worst
+from zoomout_core.matching.report.verdict import GREEN, Verdict, check_verdict, worst
 from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.files import write_shape
 from zoomout_core.mesh.formats.opening import existing, file_bytes
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.messages import from_json, to_json
+from zoomout_core.messages import from_json, sentences, to_json
 from zoomout_core.outfits.check import CheckedOutfit
 from zoomout_core.outfits.joint_match import match_by_joints
 from zoomout_core.outfits.pictures import draw_outfit
@@ -49,6 +49,7 @@ class DressedFile(NamedTuple):
     objects: tuple[tuple[str, int], ...]  # the name of each worn mesh, and the number of its vertices
     joints: int  # number of the outfit's own joints
     notes: tuple[str, ...]  # sentences for the user
+    missing_skin: str | None = None  # how clothes without skin below them were placed
     front: float = 0.0  # degrees about the vertical axis from z to the direction that the avatar faces
 
 
@@ -362,6 +363,8 @@ def dress_file(
     image = draw_outfit(made.checked, made.triangles, [count for _, count in made.objects], made.front)
     write_whole(picture, encode_png(image))
     level, sentence, advice = worst([verdict, made.checked.verdict])
+    if made.missing_skin is not None and level != GREEN:
+        sentence = sentences(sentence, made.missing_skin)
     found = Worn(
         key,
         output.as_posix(),

@@ -6,6 +6,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -60,7 +61,8 @@ def split_avatar(asset: Asset, body: Sequence[str] = (), *, wears: bool = True) 
         asset: the file.
         body: patterns of the names of meshes or materials of the body, such as `Body*`. If omitted, words in these
             names decide.
-        wears: whether it must have both. If not, parts of unknown names belong to the body.
+        wears: whether it must have both. If not, parts of unknown names belong to the body, and patterns that match
+            nothing are not used.
 
     Raises:
         MeshError: it must have both, but does not.
@@ -79,6 +81,8 @@ def are_of_body(names: Sequence[Sequence[str]], body: Sequence[str] = (), *, wea
         MeshError: it must have a body and worn parts, but does not.
     """
     found = [_is_of_body(each, body) for each in names]
+    if not wears and not any(found):  # the patterns are those of outfits
+        found = [_is_of_body(each, ()) for each in names]
     known = [(not wears) if kind is None else kind for kind in found]
     if wears and (all(known) or not any(known)):
         listed = ", ".join(dict.fromkeys(shown("/".join(filter(None, name))) for name in names))
@@ -107,6 +111,19 @@ def hair_objects(asset: Asset) -> list[bool]:
     for number, (name, _) in enumerate(asset.objects):
         used = np.unique(material[owner == number]).tolist()
         found.append(is_hair(name, [asset.materials[each].name if each >= 0 else "" for each in used]))
+    return found
+
+
+def surfaces_of_objects(asset: Asset) -> list[Surface]:
+    """The surface of each object of an asset, in the order of the vertices."""
+    surface, ends = asset.surface, np.cumsum([0, *(count for _, count in asset.objects)])
+    first = surface.corner_vertex[surface.face_start[:-1]]
+    found = []
+    for start, stop in pairwise(ends.tolist()):
+        faces = np.flatnonzero((first >= start) & (first < stop))
+        corners = slice(surface.face_start[faces[0]], surface.face_start[faces[-1] + 1])
+        starts = surface.face_start[faces[0] : faces[-1] + 2] - surface.face_start[faces[0]]
+        found.append(Surface.from_corners(surface.vertices[start:stop], surface.corner_vertex[corners] - start, starts))
     return found
 
 

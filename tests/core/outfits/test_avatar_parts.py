@@ -42,6 +42,14 @@ def test_patterns_select_the_body(dolls: Path) -> None:
     assert [name for name, _ in worn.objects] == ["Trousers"]
 
 
+def test_patterns_of_outfits_do_not_empty_other_avatars(dolls: Path) -> None:
+    asset = read_asset(dolls / "dressed.glb")
+    body, worn = split_avatar(asset, ["Torso*"], wears=False)
+    assert [name for name, _ in body.objects] == ["Skin"]
+    assert worn is not None
+    assert [name for name, _ in worn.objects] == ["Shirt", "Trousers"]
+
+
 def test_kept_faces_keep_their_data(dolls: Path) -> None:
     asset = read_asset(dolls / "dressed.glb")
     n = len(asset.surface.vertices)
