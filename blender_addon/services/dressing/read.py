@@ -14,6 +14,7 @@ from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.messages import Message, warning
 from zoomout_core.runtime.progress import stage
 from zoomout_core.transfer import Manner
+from zoomout_core.transfer.dressing.missing_skin import ClothedBody
 
 from ... import mesh_data
 from ...jobs import pause
@@ -95,6 +96,7 @@ class Fitting:
         bones: names of the bones that move the target.
         active_keys: the shape keys of the source's bodies that are in use.
         notes: sentences for the user.
+        clothed: the source as a body whose missing skin is replaced by clothes; None if its skin is complete.
     """
 
     source: zo.Surface
@@ -107,6 +109,7 @@ class Fitting:
     bones: tuple[str, ...]
     active_keys: list[ActiveKeys]
     notes: list[Message]
+    clothed: ClothedBody | None = None
 
 
 async def read_fitting(
