@@ -32,7 +32,16 @@ from zoomout_core.collection.report import PAGE, REPORT, figures_of_collection, 
 from zoomout_core.collection.shapes import items_of
 from zoomout_core.collection.tasks import MAPS, MESHES, SHAPES
 from zoomout_core.collection.through_blender import SURFACES, is_of_blender, surfaces_of
-from zoomout_core.command_options import OptionError, detail_options, progress_bar, table_option, tell
+from zoomout_core.command_options import (
+    FilePath,
+    OptionError,
+    check_cache,
+    detail_options,
+    progress_bar,
+    refusals,
+    table_option,
+    tell,
+)
 from zoomout_core.matching.option_table import OPTIONS
 from zoomout_core.matching.options import MatchOptions
 from zoomout_core.matching.preparation.disk_cache import remove_shapes
@@ -42,7 +51,7 @@ from zoomout_core.mesh.formats.blender_files import ENDINGS as OF_BLENDER
 from zoomout_core.mesh.formats.blender_files import PROGRAM, blender_command
 from zoomout_core.mesh.formats.folders import meshes_of_all
 from zoomout_core.runtime.extras import install_hint
-from zoomout_core.runtime.outputs import check_inputs_outside, check_output, is_same_file
+from zoomout_core.runtime.outputs import check_inputs_outside, check_results_folder, is_same_file
 from zoomout_core.runtime.progress import portion
 from zoomout_core.runtime.threads import usable_cores
 
@@ -81,12 +90,12 @@ class _Choices:
 
 
 @click.command()
-@click.argument("shapes", metavar="FOLDER...", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="The folder for the results.")
-@click.option("--template", type=click.Path(path_type=Path), help="The file that is the source of all other shapes.")
+@click.argument("shapes", metavar="FOLDER...", nargs=-1, required=True, type=FilePath(path_type=Path))
+@click.option("-o", "--output", required=True, type=FilePath(path_type=Path), help="The folder for the results.")
+@click.option("--template", type=FilePath(path_type=Path), help="The file that is the source of all other shapes.")
 @click.option("--all-pairs", is_flag=True, help="Match every two shapes.")
 @click.option(
-    "--pairs", type=click.Path(path_type=Path), help="A text file of pairs, with a source and a target per line."
+    "--pairs", type=FilePath(path_type=Path), help="A text file of pairs, with a source and a target per line."
 )
 @click.option(
     "--neighbours",
@@ -144,7 +153,7 @@ class _Choices:
 @table_option(OPTIONS["partial"])
 @click.option(
     "--cache",
-    type=click.Path(path_type=Path),
+    type=FilePath(path_type=Path),
     help="Folder in which all workers cache preprocessed shapes (default: OUTPUT/cache, deleted at the end).",
 )
 @json_option
@@ -164,10 +173,8 @@ def collection(shapes: tuple[Path, ...], output: Path, as_json: bool, **options:
     """
     names = [field.name for field in fields(_Choices)]
     choices = _Choices(**{name: options.pop(name) for name in names})  # the others are those of `detail_options`
-    try:
+    with refusals():
         result, received = _run(shapes, output, choices, options)
-    except (ValueError, OSError, ImportError) as error:
-        raise click.ClickException(str(error)) from None
     if as_json:
         click.echo(json.dumps(figures_of_collection(result, received), indent=1))
     else:
@@ -191,9 +198,9 @@ def _run(
     """
     template, pairs = choices.template, choices.pairs
     _check_choices(choices)
-    if output.is_file():
-        raise MeshError(f"{output} is a file: name a folder for the results.")
-    check_output(output / REPORT if output.is_dir() else output)
+    check_results_folder(output, REPLACED)
+    if choices.cache is not None:
+        check_cache(choices.cache)
     kinds = check_kinds(choices.kinds)
     files = meshes_of_all(shapes, ENDINGS)
     check_inputs_outside(inputs_of(*files, *filter(None, (template, pairs))), output, REPLACED)

@@ -12,6 +12,7 @@ from zoomout_core.collection.tasks import MESHES, place_of_map, transfer_pair
 from zoomout_core.collection.through_blender import carry_pair
 from zoomout_core.matching.report.verdict import check_verdict
 from zoomout_core.mesh.errors import MeshError
+from zoomout_core.messages import message_of
 
 
 def carry(
@@ -46,7 +47,7 @@ def carry(
         try:
             check_verdict(result.verdict(pair), force)
         except MeshError as error:
-            result.failures[f"transfer to {pair.target}"] = str(error)
+            result.failures[f"transfer to {pair.target}"] = message_of(error)
             continue
         target, output = result.items[pair.target].file.absolute(), result.folder / MESHES / f"{pair.target}.{ending}"
         transfer = PairTransfer(

@@ -32,7 +32,7 @@ from zoomout_core.mesh.formats.files import read_shape
 from zoomout_core.mesh.formats.opening import existing, file_bytes
 from zoomout_core.mesh.shapes import as_surface
 from zoomout_core.runtime.array_files import ArrayFileError, write_arrays
-from zoomout_core.runtime.outputs import atomic_write, write_whole
+from zoomout_core.runtime.outputs import atomic_write, make_folder, write_whole
 from zoomout_core.runtime.version import package_version
 
 SHAPES, MAPS, MESHES = "shapes", "maps", "meshes"
@@ -159,7 +159,7 @@ def prepare(item: Item, content: bytes | None, place: Workplace) -> Prepared:
     if summary is None:
         with place.storing(item.name):
             summary = summarise(path, place.key(key), place.options)
-        output.parent.mkdir(parents=True, exist_ok=True)
+        make_folder(output.parent)
         with atomic_write(output) as part:
             write_arrays(part, summary.as_arrays())
         seconds = perf_counter() - began
@@ -214,7 +214,7 @@ def match_pair(
     # Keep the earlier candidates, so that the next run makes the same choice.
     candidates = earlier or candidate_maps_of(result, summaries)
     arrays = arrays_of(result, candidates, key, perf_counter() - began, through)
-    output.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(output.parent)
     result.surface_map.save(output, **arrays)
     record = PairRecord.load(output)
     shipped = {str(place_of_map(pair)): output.read_bytes()} if source.content else {}
@@ -238,7 +238,7 @@ def transfer_pair(transfer: PairTransfer) -> Carried:
     assets = read_asset(transfer.source), read_asset(transfer.target)
     known = KnownMatch.load(transfer.map_file, assets[0].surface, assets[1].surface)
     made = transfer_asset(*assets, known, kinds, move_rig=move_rig)
-    output.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(output.parent)
     left_out = write_asset(made.asset, output, inputs)
     notes = (*assets[0].notes, *assets[1].notes, *made.notes, *left_out)
     found = Carried(notes, tuple(map(asdict, made.motions)))

@@ -28,6 +28,7 @@ from zoomout_core.mesh.formats.blender_files import (
 )
 from zoomout_core.mesh.formats.files import read_surface, write_shape
 from zoomout_core.messages import Message, warning
+from zoomout_core.runtime.outputs import make_folder
 from zoomout_core.runtime.version import package_version
 
 # Folder of the results: surfaces that Blender read.
@@ -74,7 +75,7 @@ def read_items(
         if not surface.is_file():
             tasks.append(Task(f"read {item.name}", read_item, (item.path.absolute(), role, surface, known, program)))
     if tasks:
-        (folder / SURFACES).mkdir(parents=True, exist_ok=True)
+        make_folder(folder / SURFACES)
     failures = {}
     sees = engine.sees([folder, *(item.path for item in chosen)]) if tasks else True
     readers = engine if sees else InThisProcess()
@@ -117,7 +118,7 @@ def carry_pair(transfer: PairTransfer, program: str | None) -> Carried:
     if earlier is not None:
         return earlier
     forget_carried(record)
-    output.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(output.parent)
     arguments = [
         "carry",
         str(source.absolute()),

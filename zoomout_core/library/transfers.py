@@ -25,6 +25,7 @@ from zoomout_core.mesh.formats.blender_files import IMPORTED, SOURCE, TARGET
 from zoomout_core.mesh.formats.files import read_surface
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.messages import message, warning
+from zoomout_core.runtime.outputs import make_folder
 from zoomout_core.runtime.progress import portion
 
 NOT_USED = "{file} was not used for the joint {joint}, because its match is probably wrong."
@@ -73,7 +74,7 @@ def transfer(source_path: Path, target: Asset, path: Path, output: Path, carry: 
     check_verdict(result.verdict, force)
     with portion(MATCHED, 1):
         made = transfer_asset(source, target, result, TRANSFERRED, move_rig=carry is Carry.RIG)
-    output.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(output.parent)
     check_avatar(base_of(source, target, TRANSFERRED), output)
     left_out = write_asset(made.asset, output, inputs_of(path, source_path))
     notes = [*source.notes, *target.notes, *result.notes, *made.notes, *left_out]

@@ -24,11 +24,11 @@ from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.files import write_shape
 from zoomout_core.mesh.formats.opening import existing, file_bytes
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.messages import from_json, to_json
+from zoomout_core.messages import from_json, message_of, to_json
 from zoomout_core.outfits.check import CheckedOutfit
 from zoomout_core.outfits.joint_match import match_by_joints
 from zoomout_core.outfits.pictures import draw_outfit
-from zoomout_core.runtime.outputs import atomic_write, check_no_input, is_same_file, write_whole
+from zoomout_core.runtime.outputs import atomic_write, check_no_input, is_same_file, make_folder, write_whole
 from zoomout_core.runtime.progress import portion
 from zoomout_core.runtime.version import package_version
 from zoomout_core.transfer.rigging.joint_map import RiggedBody
@@ -188,7 +188,7 @@ def dress_all(
     ]
     if not wanted:
         _remove_bodies(folder / BODIES, earlier)
-        reasons = " ".join(dict.fromkeys(failures.values()))
+        reasons = " ".join(each if name in each else f"{name}: {each}" for name, each in failures.items())
         raise MeshError(reasons or "Every outfit is that of the only avatar: give other outfits or avatars.")
     with portion(0, MATCHED):
         matches = _match_bodies(wanted, names, bodies, folder, options, cache, engine)
@@ -244,10 +244,10 @@ def _write_bodies(
         try:
             body = files.read_body(path, path in wearing)
         except (MeshError, ImportError) as error:
-            failures[names[path]] = str(error)
+            failures[names[path]] = message_of(error)
             continue
         made = place / f"{names[path]}.ply"
-        place.mkdir(parents=True, exist_ok=True)
+        make_folder(place)
         with atomic_write(made) as part:
             write_shape(body, part)
         first = known.setdefault((path in wearing, made.read_bytes()), made)
@@ -304,7 +304,7 @@ def _match_by_joints(
         by_joints = match_by_joints(matches.surface_map(*pair), matches.verdict(pair).level, read)
         if by_joints is not None:
             place = folder / BY_JOINTS / place_of_map(pair)
-            place.parent.mkdir(parents=True, exist_ok=True)
+            make_folder(place.parent)
             by_joints.surface_map.save(place)
             found[pair] = place, by_joints.verdict
     return found
@@ -357,7 +357,7 @@ def dress_file(
         return earlier, False
     check_no_input(folder / output, inputs_of(outfit, avatar))
     record.unlink(missing_ok=True)  # an interrupted run would leave it beside other files
-    (folder / output).parent.mkdir(parents=True, exist_ok=True)
+    make_folder((folder / output).parent)
     made = files.dress(outfit, avatar, map_file, folder / output)
     image = draw_outfit(made.checked, made.triangles, [count for _, count in made.objects], made.front)
     write_whole(picture, encode_png(image))

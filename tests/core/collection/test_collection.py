@@ -9,6 +9,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from html import escape
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -383,6 +384,32 @@ def test_command_refuses_conflicting_options(folder: Path, tmp_path: Path, argum
     result = CliRunner().invoke(main, ["collection", str(folder), "-o", str(tmp_path / "out"), *arguments])
     assert result.exit_code == (1 if "--output" in arguments else 2)
     assert said in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("pairs", "said"),
+    [
+        ("some", "pairs is 'some': give 'all', or a list of pairs"),
+        (7, "pairs is 7: give 'all', or a list of pairs"),
+        ([(0, 1)], r"A pair is \(0, 1\): give the names"),
+        ([7], "A pair is 7: give the names"),
+        (["ab"], "A pair is 'ab': give the names"),
+        ((each for each in [("a", "b", "c")]), r"A pair is \('a', 'b', 'c'\): give the names"),
+        ([("a", "other")], "has no shape named other: give its file name"),
+    ],
+    ids=str,
+)
+def test_pairs_that_are_no_names_are_refused(folder: Path, tmp_path: Path, pairs: Any, said: str) -> None:
+    with pytest.raises(MeshError, match=said):
+        match_collection(sorted(folder.iterdir()), tmp_path / "out", pairs=pairs, options=FAST)
+
+
+def test_the_cache_of_a_collection_must_be_a_folder(folder: Path, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    arguments = ["collection", folder, "-o", tmp_path / "out", "--cache", tmp_path / "file"]
+    result = CliRunner().invoke(main, [*map(str, arguments)])
+    assert (result.exit_code, "file cannot be written to: choose another folder." in result.stderr) == (1, True)
+    assert not (tmp_path / "out").exists()
 
 
 def test_notes_of_a_pair_list_parts_of_the_source_by_name(tmp_path: Path) -> None:
