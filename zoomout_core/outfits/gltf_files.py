@@ -26,10 +26,10 @@ from zoomout_core.outfits.dress_avatar import dress_avatar
 from zoomout_core.outfits.parts import split_avatar
 from zoomout_core.outfits.skeleton import rigged_body
 from zoomout_core.runtime.array_files import ArrayFileError, read_arrays, write_arrays
-from zoomout_core.runtime.outputs import atomic_write
+from zoomout_core.runtime.outputs import atomic_write, make_folder
 from zoomout_core.runtime.progress import portion
 from zoomout_core.runtime.version import package_version
-from zoomout_core.transfer.dressing.dress import shape_of_source
+from zoomout_core.transfer.dressing.dress import check_fit, shape_of_source
 from zoomout_core.transfer.rigging.joint_map import RiggedBody
 
 # Extensions of avatar files.
@@ -51,6 +51,9 @@ class GltfFiles:
         gap: see `dress`.
         force: write avatars even if the match is probably wrong.
         compression: how to compress avatars, see `compress_gltf`; VRM files are not compressed.
+
+    Raises:
+        ValueError: `stiffness` or `gap` is out of range.
     """
 
     body: tuple[str, ...] = ()
@@ -59,6 +62,9 @@ class GltfFiles:
     gap: float = 0.0
     force: bool = False
     compression: str | None = None
+
+    def __post_init__(self) -> None:
+        check_fit(self.stiffness, self.gap)
 
     def read_body(self, path: Path, wears: bool) -> Surface:
         """See `AvatarFiles`."""
@@ -118,7 +124,7 @@ def _shape_of_source(map_file: Path, source: Surface, target: Surface) -> Floats
         if known["key"].tobytes() == key and known["shape"].shape == source.vertices.shape:
             return np.asarray(known["shape"])
     shape = shape_of_source(KnownMatch.load(map_file, source, target), source, target)
-    place.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(place.parent)
     with atomic_write(place) as part:
         write_arrays(part, {"key": np.frombuffer(key, np.uint8), "shape": shape})
     return shape

@@ -63,7 +63,7 @@ def split_avatar(asset: Asset, body: Sequence[str] = (), *, wears: bool = True) 
         wears: whether it must have both. If not, parts of unknown names belong to the body.
 
     Raises:
-        MeshError: it must have both, but does not.
+        MeshError: it must have both, but does not, or none of its parts has a name of the body.
     """
     names, part = _named_parts(asset)
     of_body = np.array(are_of_body(names, body, wears=wears))[part]
@@ -76,17 +76,28 @@ def are_of_body(names: Sequence[Sequence[str]], body: Sequence[str] = (), *, wea
     For the other arguments, see `split_avatar`.
 
     Raises:
-        MeshError: it must have a body and worn parts, but does not.
+        MeshError: it must have a body and worn parts, but does not, or none of its names is of the body.
     """
     found = [_is_of_body(each, body) for each in names]
     known = [(not wears) if kind is None else kind for kind in found]
+    if body and not any(known):
+        raise MeshError(f"--body matches none of its parts ({_name_list(names)}): correct the pattern.")
+    if wears and all(known) and (body or None not in found):
+        raise MeshError(
+            f"All of its parts belong to the body ({_name_list(names)}): give an avatar that wears something, or name "
+            "those of the body with --body."
+        )
     if wears and (all(known) or not any(known)):
-        listed = ", ".join(dict.fromkeys(shown("/".join(filter(None, name))) for name in names))
         raise MeshError(
             "The names of the parts do not show which belong to the body and which are worn "
-            f"({listed}): name those of the body with --body."
+            f"({_name_list(names)}): name those of the body with --body."
         )
     return known
+
+
+def _name_list(names: Sequence[Sequence[str]]) -> str:
+    """The names of parts, for messages."""
+    return ", ".join(dict.fromkeys(shown("/".join(filter(None, name))) for name in names))
 
 
 def is_hair(name: str, materials: Sequence[str]) -> bool:

@@ -8,6 +8,7 @@ outside the skin is pushed into it.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from numbers import Real
@@ -404,6 +405,11 @@ def _check(carried: Sequence[Carried], manners: Sequence[Manner] | None, stiffne
     if manners is not None and (len(manners) != len(carried) or not set(manners) <= set(get_args(Manner))):
         known = ", ".join(repr(each) for each in get_args(Manner))
         raise ValueError(f"manners are {list(manners)!r}: give one of {known} for each of the {len(carried)} objects.")
+    check_fit(stiffness, gap)
+
+
+def check_fit(stiffness: float, gap: float) -> None:
+    """Raise a ValueError unless these numbers can describe a fit, see `dress`."""
     check_fractions(stiffness=stiffness)
-    if not (isinstance(gap, Real) and gap >= 0):
+    if not (isinstance(gap, Real) and 0 <= gap < math.inf):
         raise ValueError(f"gap is {gap!r}: give a distance of zero or more.")
