@@ -23,7 +23,6 @@ from benchmarks.command import (
     READ_FOLDER,
     main,
     pictures_of,
-    refusals,
     report,
     table,
     table_of_sets,
@@ -54,6 +53,8 @@ from benchmarks.timings import scale as scale_tables
 from benchmarks.timings import speed as speed_tables
 from benchmarks.tuning import halves_and_doubles as tuning_table
 from benchmarks.tuning import leave_out as leave_out_table
+from zoomout_core.command_options import refusals
+from zoomout_core.runtime.outputs import make_folder
 from zoomout_core.runtime.threads import usable_cores
 
 
@@ -84,22 +85,22 @@ def correspondence(data: Path, pairs: int | None, ablate: bool, pictures: Path |
     return correspondence_tables.run(data, pairs, ablate, pictures)
 
 
-@table(
-    click.option("--data", type=READ_FOLDER, help="Folder of sets; without it, the page is written from the records."),
-    click.option("--pairs", type=click.IntRange(min=1), help="Measure this many pairs of each list, at random."),
-    click.option("--set", "names", multiple=True, help="Measure this set alone."),
-    click.option("--rotate", is_flag=True, help="Turn each shape by a random rotation, which is the same in each run."),
-    click.option("--scale", is_flag=True, help="Scale the target by a random factor between 0.5 and 2."),
-    click.option("--workers", type=click.IntRange(min=1), help="Processes to match in; one per core if not given."),
-    click.option(
-        "--page", type=FILE, default=Path("docs/results.md"), show_default=True, help="Write the page of results here."
-    ),
-    click.option(
-        "--records",
-        type=FOLDER,
-        help="Folder of the records, which a later run resumes; beside the page, and named like it, if not given.",
-    ),
+@main.command()
+@click.option("--data", type=READ_FOLDER, help="Folder of sets; without it, the page is written from the records.")
+@click.option("--pairs", type=click.IntRange(min=1), help="Measure this many pairs of each list, at random.")
+@click.option("--set", "names", multiple=True, help="Measure this set alone.")
+@click.option("--rotate", is_flag=True, help="Turn each shape by a random rotation, which is the same in each run.")
+@click.option("--scale", is_flag=True, help="Scale the target by a random factor between 0.5 and 2.")
+@click.option("--workers", type=click.IntRange(min=1), help="Processes to match in; one per core if not given.")
+@click.option(
+    "--page", type=FILE, default=Path("docs/results.md"), show_default=True, help="Write the page of results here."
 )
+@click.option(
+    "--records",
+    type=FOLDER,
+    help="Folder of the records, which a later run resumes; beside the page, and named like it, if not given.",
+)
+@JSON
 def official(
     data: Path | None,
     pairs: int | None,
@@ -109,15 +110,19 @@ def official(
     workers: int | None,
     page: Path,
     records: Path | None,
-) -> Tables:
+    json_file: Path | None,
+) -> None:
     """Whole test lists of public sets by the published protocol, beside published figures."""
     records = records or page.with_suffix("")
     with refusals():
         lists = official_lists.lists_in(data, names) if data else []
-    official_records.run(lists, Setting(rotate, scale), pairs, records, workers or usable_cores())
-    results_page.write(records, page)
+        make_folder(records)
+        failures = official_records.run(lists, Setting(rotate, scale), pairs, records, workers or usable_cores())
+        results_page.write(records, page)
     click.echo(f"Written: {page}\n")
-    return results_page.tables(records, [chosen.name for chosen in lists] or names)
+    report(results_page.tables(records, [chosen.name for chosen in lists] or names), data, json_file)
+    if failures:
+        raise click.ClickException(f"Pairs that could not be measured: {len(failures)}. The first: {failures[0]}")
 
 
 @table_of_sets(click.option("--slow", is_flag=True, help="Include non-rigid ICP, which takes minutes for each pair."))
