@@ -17,6 +17,7 @@ from zoomout_core.drawing import encode_png
 from zoomout_core.matching.options import MatchOptions
 from zoomout_core.matching.presets import resolve_detail
 from zoomout_core.mesh.formats.files import write_shape
+from zoomout_core.messages import message_of
 from zoomout_core.outfits.command import dress_files, find_avatars
 from zoomout_core.runtime.outputs import atomic_write
 
@@ -82,7 +83,7 @@ def library(context: Context, options: argparse.Namespace) -> dict[str, Any]:
         try:
             prepared = zo.Library(folder, options.index, bpy.app.binary_path or None).prepare()
         except (ValueError, OSError) as error:
-            entries[folder] = {"error": str(error)}
+            entries[folder] = {"error": message_of(error)}
             continue
         skipped = {str(path): f"{path} was skipped. {sentence}" for path, sentence in prepared.failures.items()}
         entries[folder] = {"assets": prepared.assets, "new": prepared.new, "left_out": skipped}

@@ -19,6 +19,7 @@ from ... import mesh_data
 from ...jobs import pause
 from ...mesh_data import BodyKeys, ObjectPair, OutfitBones, Worn
 from ...scene.pair import edit_error, find_mesh
+from ..binding.check import check_in_scene
 from ..binding.read import read_sources_at_rest
 from .worn_weights import GroupWeights, read_group_weights
 
@@ -227,13 +228,18 @@ async def _read_all(
 
 
 def _read_rigs(context: Context, pair: ObjectPair, worn: Sequence[str]) -> Rigs | None:
-    """The armatures of the source and of the target, if both have different ones, and the target's may be changed."""
+    """The armatures of the source and of the target, if both have different ones, and the target's may be changed.
+
+    Raises:
+        MeshError: the source's is not in the scene.
+    """
     source, target = (find_mesh(context, name) for name in (pair.source_name, pair.target_name))
     of_source, of_target = mesh_data.armatures_of(source), mesh_data.armatures_of(target)
     if not of_source or not of_target or set(of_source) & set(of_target):
         return None
     if of_target[0].data.library is not None or of_target[0].name not in context.view_layer.objects:
         return None
+    check_in_scene(context, source)
     bodies = [find_mesh(context, name) for name in pair.source_names if name not in worn]
     objects = [context.scene.objects[name] for name in worn if name in context.scene.objects]
     outfit = mesh_data.read_outfit_bones(of_source[0], of_target[0], bodies, objects)
