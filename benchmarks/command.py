@@ -4,8 +4,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from functools import wraps
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -65,15 +64,6 @@ def table_of_sets(
 def pictures_of(subject: str) -> Option:
     """The option of a table that also draws pictures."""
     return click.option("--pictures", type=FOLDER, help=f"Draw {subject} here.")
-
-
-@contextmanager
-def refusals() -> Iterator[None]:
-    """Report a ValueError in the block without a traceback, as the refusal of an argument."""
-    try:
-        yield
-    except ValueError as error:
-        raise click.ClickException(str(error)) from None
 
 
 def report(tables: Tables, data: Path | None, json_file: Path | None) -> None:

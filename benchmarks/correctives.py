@@ -31,7 +31,7 @@ from zoomout_core.geometry.procrustes import Similarities
 from zoomout_core.mesh.affine_maps import transform_points
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.transfer import Attribute, Domain, Kind
-from zoomout_core.transfer.dressing.contact import SidedSurface
+from zoomout_core.transfer.dressing.barriers import SidedSurface
 from zoomout_core.transfer.rigging.poses import pose_of_turns
 from zoomout_core.transfer.rigging.skinning import skinning_matrices
 

@@ -37,7 +37,7 @@ def read(path: Path) -> list[Record]:
     for line in path.read_text().splitlines():
         with suppress(json.JSONDecodeError):
             entries.append(json.loads(line))
-    return entries
+    return [entry for entry in entries if isinstance(entry, dict)]
 
 
 def append(path: Path, entry: Record) -> None:

@@ -9,7 +9,7 @@ MeshSet last.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from inspect import Parameter as SignatureParameter
@@ -256,12 +256,23 @@ def _listening(callback: Callback | None) -> AbstractContextManager[None]:
     return listening(None if callback is None else lambda progress: callback(progress.fraction, progress.stage))
 
 
+def check_counts_of(name: str, parameters: Mapping[str, Any]) -> None:
+    """Raise a MeshError if a parameter of MeshLab's filter is a negative whole number.
+
+    None of its filters has such a default, and some crash on one, which would end the process.
+    """
+    for parameter, value in parameters.items():
+        if isinstance(value, Integral) and value < 0:
+            raise MeshError(f"The filter {name}: '{parameter}' is {value}: give a whole number that is not negative.")
+
+
 def _apply_native(ms: MeshSet, name: str, parameters: dict[str, Any]) -> dict[str, Any]:
     from pymeshlab import PyMeshLabException
 
     for parameter, value in parameters.items():
         if parameter.endswith("mesh") and isinstance(value, Integral) and not isinstance(value, bool):
             check_mesh(ms, int(value))
+    check_counts_of(name, parameters)
     try:
         return dict(ms.apply_filter(name, **parameters) or {})
     except PyMeshLabException as error:

@@ -36,19 +36,21 @@ from zoomout_core.batch import (
     write_report,
 )
 from zoomout_core.command_options import (
+    FilePath,
     batch_options,
     files_of_options,
     in_place_option,
     match_options,
     progress_bar,
     read_options,
+    refusals,
     table_option,
     tell,
 )
 from zoomout_core.global_options import quiet_option, threads_option
 from zoomout_core.matching.option_table import OPTIONS
 from zoomout_core.mesh.errors import MeshError
-from zoomout_core.messages import NO_MEMORY, note_lines
+from zoomout_core.messages import NO_MEMORY, message_of, note_lines
 from zoomout_core.runtime.interrupts import INTERRUPTED
 from zoomout_core.runtime.outputs import check_output
 
@@ -74,34 +76,28 @@ def search_command(words: tuple[str, ...]) -> None:
 
     The exit code is 1 if no filter does.
     """
-    try:
+    with refusals():
         if not search(" ".join(words)):
             raise MeshError(f"No filter name contains {' and '.join(words)}: try other words, or fewer.")
         print_filter_list(" ".join(words))
-    except (ValueError, ImportError) as error:
-        raise click.ClickException(str(error)) from None
 
 
 @main.command()
 @click.argument("name", metavar="FILTER")
 def describe(name: str) -> None:
     """Describe FILTER and its parameters."""
-    try:
+    with refusals():
         if meaning(name):
             click.echo(meaning(name))
         print_filter_parameter_list(name)
-    except (ValueError, ImportError) as error:
-        raise click.ClickException(str(error)) from None
 
 
 @main.command()
-@click.argument("folder", type=click.Path(file_okay=False, path_type=Path))
+@click.argument("folder", type=FilePath(file_okay=False, path_type=Path))
 def samples(folder: Path) -> None:
     """Write the sample meshes of the guide's recipes into the new folder FOLDER."""
-    try:
+    with refusals():
         paths = write_samples(folder)
-    except (ValueError, OSError, ImportError) as error:
-        raise click.ClickException(str(error)) from None
     tell(f"Written to {folder}: {', '.join(str(path.relative_to(folder)) for path in paths)}")
 
 
@@ -126,7 +122,7 @@ def transfer(
 
     The exit code is 0 if all were written, 1 if none was, and 3 if some were.
     """
-    try:
+    with refusals():
         jobs = plan(source, targets, output, f".{ending}", SURFACES, check_format, in_place)
         if not in_place:
             files = [source, *(str(job.target) for job in jobs), *files_of_options(options)]
@@ -137,15 +133,13 @@ def transfer(
         if is_folder(output):
             given = {"candidate": candidate, "force": force, **options}
             write_report(figures_of(source, outcomes, given), Path(output))
-    except (ValueError, OSError, ImportError) as error:
-        raise click.ClickException(str(error)) from None
     say_outcomes(outcomes, output)
 
 
 @main.command()
-@click.argument("script", type=click.Path())
-@click.argument("inputs", nargs=-1, required=True, type=click.Path())
-@click.option("-o", "--output", required=True, type=click.Path(dir_okay=False), help="The mesh file to write.")
+@click.argument("script", type=FilePath())
+@click.argument("inputs", nargs=-1, required=True, type=FilePath())
+@click.option("-o", "--output", required=True, type=FilePath(dir_okay=False), help="The mesh file to write.")
 @in_place_option
 def run(script: str, inputs: tuple[str, ...], output: str, in_place: bool) -> None:
     """Run SCRIPT, a .mlx file, on the meshes INPUTS, and write the mesh that is current at the end.
@@ -153,7 +147,7 @@ def run(script: str, inputs: tuple[str, ...], output: str, in_place: bool) -> No
     The script may use the filters of MeshLab and of this project. INPUTS are meshes 0, 1 and so on; the last is
     current. A MeshLab project (.mlp) among them stands for its meshes with their transforms.
     """
-    try:
+    with refusals():
         kept = inputs_of(*(file for path in inputs for file in files_of(path)))
         check_output(output, [script, *kept], in_place)
         read_script(script)
@@ -166,8 +160,6 @@ def run(script: str, inputs: tuple[str, ...], output: str, in_place: bool) -> No
         if ms.mesh_number() == 0:
             raise MeshError("The script leaves no mesh to write: keep at least one.")
         save_beside(ms, Path(output), textures, {}, in_place, kept)
-    except (ValueError, OSError, ImportError) as error:
-        raise click.ClickException(str(error)) from None
     for report in reports:
         for note in note_lines(report.get("notes", ())):
             tell(f"Line {report['line']}, {report['name']}: {note}")
@@ -175,15 +167,15 @@ def run(script: str, inputs: tuple[str, ...], output: str, in_place: bool) -> No
 
 
 @main.command("watch")
-@click.argument("folder", type=click.Path(exists=True, file_okay=False, path_type=Path))
+@click.argument("folder", type=FilePath(exists=True, file_okay=False, path_type=Path))
 @click.option(
     "--source",
-    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    type=FilePath(exists=True, dir_okay=False, path_type=Path),
     help="Transfer attributes from this mesh to every mesh saved in FOLDER.",
 )
 @click.option(
     "--script",
-    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    type=FilePath(exists=True, dir_okay=False, path_type=Path),
     help="Run this .mlx file on every saved mesh and project, instead of a transfer.",
 )
 @table_option(OPTIONS["detail"])
@@ -216,24 +208,23 @@ def watch_command(
             for line in lines:
                 tell(f"  {line}")
         except (ValueError, OSError, MemoryError) as error:
-            click.echo(f"{path.name}: failed. {error or NO_MEMORY}", err=True)
+            click.echo(f"{path.name}: failed. {message_of(error) or NO_MEMORY}", err=True)
             outcomes.append(False)
         else:
             outcomes.append(True)
 
     try:
-        new_mesh_set()
-        if script is not None:
-            read_script(script)
-        if not once:
-            tell(f"Watching {folder}; press Ctrl-C to stop.")
-        for _ in watch(work, process, interval, once):
-            pass
+        with refusals():
+            new_mesh_set()
+            if script is not None:
+                read_script(script)
+            if not once:
+                tell(f"Watching {folder}; press Ctrl-C to stop.")
+            for _ in watch(work, process, interval, once):
+                pass
     except KeyboardInterrupt:
         click.echo(f"\nNo longer watching {folder}: {sum(outcomes)} files were worked on.", err=True)
         sys.exit(INTERRUPTED)
-    except (ValueError, OSError, ImportError) as error:
-        raise click.ClickException(str(error)) from None
     if not all(outcomes):
         sys.exit(PARTLY if any(outcomes) else FAILED)
 

@@ -31,6 +31,8 @@ FORMATS = {
     ".ply": {"texcoord", "vertex_color", "face_color", "vertex_scalar", "face_scalar"},
     ".obj": {"texcoord", "vertex_color", "face_color"},
 }
+# How pymeshlab's message about an extension begins that it cannot write.
+UNKNOWN_FORMAT = "Unknown format for save"
 # Extensions of mesh files; other files in a folder are skipped.
 SURFACES = {".3ds", ".ctm", ".dae", ".glb", ".gltf", ".obj", ".off", ".ply", ".stl", ".wrl", ".x3d", ".x3dv"}
 
@@ -88,8 +90,13 @@ def _check_textures(ms: MeshSet, path: Path) -> None:
             raise outside(path, name) from error
 
 
-def save_mesh(ms: MeshSet, output: str | Path) -> None:
+def save_mesh(ms: MeshSet, output: str | Path, name: Path | None = None) -> None:
     """Write the current mesh; PLY files include custom attributes, which other programs read but MeshLab does not.
+
+    Args:
+        ms: a `pymeshlab.MeshSet`.
+        output: the file to write.
+        name: the file for messages, if `output` is a temporary one.
 
     Raises:
         MeshError: it cannot be written.
@@ -101,9 +108,14 @@ def save_mesh(ms: MeshSet, output: str | Path) -> None:
         with _staying():
             ms.save_current_mesh(str(output), **custom)
     except PyMeshLabException as error:
+        reason = " ".join(str(error).split())
+        if reason.startswith(UNKNOWN_FORMAT):
+            raise MeshError(
+                f"MeshLab cannot write the format of {name or output}: choose another, such as .ply."
+            ) from None
         raise MeshError(
-            f"{output} could not be written ({' '.join(str(error).split())}): check disk space and permissions, or "
-            "choose another place."
+            f"{name or output} could not be written ({reason}): check disk space and permissions, or choose another "
+            "place."
         ) from error
 
 
@@ -145,7 +157,7 @@ def save_beside(
         OutputError: it cannot be written.
     """
     with atomic_write_together(output, () if in_place else kept) as whole:
-        save_mesh(ms, whole)
+        save_mesh(ms, whole, output)
         # An OBJ file's materials are in a file whose name begins with its own; all others are textures.
         images = [file for file in sorted(whole.parent.iterdir()) if not file.name.startswith(whole.name)]
         digests = {file.name: sha256(file.read_bytes()).digest() for file in images}

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 from xml.sax.saxutils import quoteattr
 
 import meshlab_filter.filters  # noqa: F401, which enters them into the catalogue
-from meshlab_filter.catalogue import CATALOGUE, Filter, apply_filter, check_mesh, filter_list
+from meshlab_filter.catalogue import CATALOGUE, Filter, apply_filter, check_counts_of, check_mesh, filter_list
 from meshlab_filter.parameters import LENGTH, OTHER_RICH, RICH_TYPES, Parameter, absolute_length, diagonal
 from meshlab_filter.xml_elements import Element, read_elements
 from zoomout_core.arrays import Floats
@@ -156,6 +156,7 @@ def _apply_native(ms: MeshSet, call: Call) -> dict[str, Any]:
                 f"'{call.name}' has a parameter that is only read if the filter has its name from MeshLab's menus."
             )
         return apply_filter(ms, call.name, **call.values)
+    check_counts_of(call.name, call.values)
     with TemporaryDirectory() as folder:
         path = Path(folder) / "filter.mlx"
         path.write_text(_script_of(call, ms.current_mesh().vertex_matrix()), encoding="utf-8")

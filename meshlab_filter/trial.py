@@ -40,9 +40,13 @@ def fault_of_file(path: str | Path, gltf: bool) -> str:
 
 
 def _fault(path: str | Path, size: int, gltf: bool) -> str:
-    if Path(path).suffix.lower() == ".stl" and size < _stated_size(Path(path)):
-        return "it declares more triangles than it contains"
-    from zoomout_core.runtime.child_process import child_environment  # the child does without
+    from zoomout_core.mesh.formats.stl import HEAD, stated_size  # the child does without
+    from zoomout_core.runtime.child_process import child_environment
+
+    if Path(path).suffix.lower() == ".stl":
+        with open(path, "rb") as file:
+            if size < stated_size(file.read(HEAD)):
+                return "it declares more triangles than it contains"
 
     limit, single = str(MEMORY + MEMORY_PER_BYTE * size), "gltf" if gltf else ""
     command = [sys.executable, os.path.abspath(__file__), os.path.abspath(path), limit, single]
@@ -63,14 +67,6 @@ def _fault(path: str | Path, size: int, gltf: bool) -> str:
         return ""
     lines = ran.stdout.decode(errors="replace").strip().splitlines()
     return lines[-1] if lines else "MeshLab crashes on it"
-
-
-def _stated_size(path: Path) -> int:
-    """The size of a binary STL file by its number of triangles; 0 for a text file."""
-    with path.open("rb") as file:
-        head = file.read(84)
-    in_words = head.lstrip().startswith(b"solid") and b"\0" not in head
-    return 0 if in_words or len(head) < 84 else 84 + 50 * int.from_bytes(head[80:], "little")
 
 
 def _try(path: str, memory: int, gltf: bool) -> str:

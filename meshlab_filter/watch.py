@@ -35,6 +35,8 @@ from zoomout_core.runtime.outputs import PART, is_same_file
 # Suffix of the names of results, before the extension; such files are skipped.
 RESULT = "_zoomout"
 
+# The state of a file that was not looked at yet.
+UNSEEN = ((-1, -1),)
 # Sizes and modification times of files; None for a missing one.
 State: TypeAlias = "tuple[tuple[int, int], ...] | None"
 
@@ -126,10 +128,11 @@ def watch(work: Watch, process: Callable[[Path], None], interval: float, once: b
         waiting = False
         for path in work.inputs():
             state = _state(work, path)
-            if state is None or finished.get(path) == state or _is_newer(work, path):
+            # A file that names missing ones may be complete later, but not if this is the only check: it is refused.
+            if (state is None and not once) or finished.get(path, UNSEEN) == state or _is_newer(work, path):
                 continue
             waiting = True
-            if last.get(path) == state:
+            if last.get(path, UNSEEN) == state:
                 process(path)
                 finished[path] = state  # the state before the work: a file saved meanwhile is processed again
             last[path] = state

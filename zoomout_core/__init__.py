@@ -33,7 +33,8 @@ if TYPE_CHECKING:
         vertex_map_of,
     )
     from zoomout_core.maps.surface_map import SurfaceMap
-    from zoomout_core.maps.zoomout import slanted_sizes, zoomout, zoomout_both_ways
+    from zoomout_core.maps.zoomout import zoomout, zoomout_both_ways
+    from zoomout_core.maps.zoomout_sizes import slanted_sizes
     from zoomout_core.matching.options import MatchOptions
     from zoomout_core.matching.pipeline import match
     from zoomout_core.matching.preparation.memory_cache import forget_shapes, store_shapes
@@ -188,7 +189,8 @@ _HOMES = {
         "vertex_map_of",
     ),
     "maps.surface_map": ("SurfaceMap",),
-    "maps.zoomout": ("slanted_sizes", "zoomout", "zoomout_both_ways"),
+    "maps.zoomout": ("zoomout", "zoomout_both_ways"),
+    "maps.zoomout_sizes": ("slanted_sizes",),
     "matching.preparation.memory_cache": ("forget_shapes", "store_shapes"),
     "matching.ranking.mirror_image": ("mirror_candidate",),
     "matching.options": ("MatchOptions",),

@@ -7,7 +7,7 @@ import sys
 from importlib import import_module
 from typing import NoReturn
 
-from zoomout_core.messages import NO_MEMORY
+from zoomout_core.messages import NO_MEMORY, message_of
 from zoomout_core.runtime.child_process import leave_out_working_folder
 from zoomout_core.runtime.extras import install_hint
 from zoomout_core.runtime.interrupts import INTERRUPTED, handle_interrupts
@@ -50,8 +50,10 @@ def _run(commands: str, name: str) -> NoReturn:
     except click.ClickException as error:
         error.show()
         sys.exit(error.exit_code)
-    except OSError as error:  # commands turn those of files into sentences
+    except OSError as error:
         drop_output()
+        if error.filename is not None:  # standard output has no name
+            sys.exit(f"Error: {message_of(error)}")
         sys.exit(
             f"Error: the report could not be printed ({error.strerror or error}), but all output files are complete: "
             "print it elsewhere."

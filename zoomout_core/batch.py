@@ -20,7 +20,7 @@ from zoomout_core.command_options import progress_bar, tell
 from zoomout_core.matching.report.verdict import RefusedMatchError
 from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.folders import meshes_of
-from zoomout_core.messages import NO_MEMORY
+from zoomout_core.messages import NO_MEMORY, message_of
 from zoomout_core.runtime.outputs import OutputError, atomic_write, check_no_input, check_output
 from zoomout_core.runtime.progress import portion, renaming
 
@@ -105,8 +105,6 @@ def plan(
             another output.
         OutputError: a folder does not exist or cannot be written to, or a file would replace an input.
     """
-    if not output:
-        raise OutputError("The name of the output is empty: give a file or a folder.")
     named = [path for target in targets for path in meshes_of(Path(target), endings, Path(source))]
     once: dict[str, Path] = {}  # a file that is named twice is one target
     for path in named:
@@ -169,7 +167,7 @@ def _outcome(job: Job, run: Run) -> Outcome:
     except RefusedMatchError as error:
         return Outcome(job, Status.REFUSED, report, error=str(error))
     except (ValueError, OSError) as error:
-        return Outcome(job, Status.ERROR, report, error=str(error))
+        return Outcome(job, Status.ERROR, report, error=message_of(error))
     except MemoryError:
         return Outcome(job, Status.ERROR, report, error=NO_MEMORY)
 

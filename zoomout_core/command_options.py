@@ -30,6 +30,7 @@ from zoomout_core.matching.preparation.memory_cache import store_shapes
 from zoomout_core.matching.presets import resolve_detail
 from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.opening import existing
+from zoomout_core.messages import message_of
 from zoomout_core.runtime.progress import Progress, progress
 from zoomout_core.text_arguments import STARTS, read_axis, read_values
 
@@ -56,7 +57,16 @@ class OptionError(click.ClickException):
     exit_code = 2
 
 
-class InputFile(click.Path):
+class FilePath(click.Path):
+    """A path, which is not empty: click would read an unset variable of a shell as the working folder."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        if not value:
+            self.fail("it is empty: give a path.", param, ctx)
+        return super().convert(value, param, ctx)
+
+
+class InputFile(FilePath):
     """The path of an existing file; a missing one is a failure like that of a mesh, not a mistake of usage."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
@@ -67,13 +77,22 @@ class InputFile(click.Path):
         return super().convert(value, param, ctx)
 
 
+@contextmanager
+def refusals() -> Iterator[None]:
+    """Report invalid input and unusable files in the block without a traceback, in one sentence."""
+    try:
+        yield
+    except (ValueError, OSError, ImportError) as error:
+        raise click.ClickException(message_of(error)) from None
+
+
 def folders_option(command: Any) -> Any:
     """Add an option for further folders with files that a mesh file names."""
     option = click.option(
         "--allow-folder",
         "folders",
         multiple=True,
-        type=click.Path(exists=True, file_okay=False),
+        type=FilePath(exists=True, file_okay=False),
         help="Folder from which buffers, materials and images may be read, besides the mesh's; may be repeated.",
     )
     return option(command)
@@ -129,11 +148,11 @@ def batch_options(
                 "-o",
                 "--output",
                 required=True,
-                type=click.Path(),
+                type=FilePath(),
                 help=f"The file to write for a single target ({', '.join(names)}); or a folder, for any number.",
             ),
-            click.argument("targets", metavar="TARGETS...", nargs=-1, required=True, type=click.Path()),
-            *(click.argument(name, metavar=inputs[name], type=click.Path()) for name in reversed(list(inputs))),
+            click.argument("targets", metavar="TARGETS...", nargs=-1, required=True, type=FilePath()),
+            *(click.argument(name, metavar=inputs[name], type=FilePath()) for name in reversed(list(inputs))),
         ):
             command = option(command)
         return command
@@ -166,12 +185,17 @@ def _set_cache(context: click.Context, _: click.Parameter, folder: str) -> None:
     if folder == NO_CACHE:
         store_shapes(None)
         return
-    place = Path(os.path.realpath(folder))
-    first = next(each for each in (place, *place.parents) if each.exists())
-    chosen = context.get_parameter_source("cache") is not ParameterSource.DEFAULT
-    if chosen and not (first.is_dir() and os.access(first, os.W_OK)):
-        raise click.ClickException(f"--cache {folder} cannot be written to: choose another folder, or {NO_CACHE}.")
+    if context.get_parameter_source("cache") is not ParameterSource.DEFAULT:
+        check_cache(folder, f", or {NO_CACHE}")
     store_shapes(folder)
+
+
+def check_cache(folder: str | Path, alternative: str = "") -> None:
+    """Raise a ClickException if the folder of --cache cannot be made or written to; it also names an `alternative`."""
+    place = Path(os.path.realpath(folder))
+    first = next(each for each in (place, *place.parents) if os.path.exists(each))  # pathlib's raises errors
+    if not str(folder) or not (first.is_dir() and os.access(first, os.W_OK)):
+        raise click.ClickException(f"--cache {folder} cannot be written to: choose another folder{alternative}.")
 
 
 def match_options(command: Any, starts: Sequence[str] = ()) -> Any:

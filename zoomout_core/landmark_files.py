@@ -140,7 +140,7 @@ def _read_csv(text: str) -> LandmarkSet:
 
 
 def _columns(heading: list[str], width: int) -> list[int]:
-    """The columns of the coordinates, or of the vertex: those that the heading names, else the last ones."""
+    """The columns of the coordinates, or of the vertex: those that the heading names, otherwise the last ones."""
     for names in (["x", "y", "z"], ["vertex"]):
         if all(heading.count(name) == 1 for name in names):
             return [heading.index(name) for name in names]
@@ -187,14 +187,17 @@ def _is_number(word: str) -> bool:
 
 
 def _write_csv(landmarks: LandmarkSet) -> str:
-    named = any(landmarks.names)
-    at = ["x", "y", "z"] if landmarks.vertices is None else ["vertex"]
-    rows = landmarks.points if landmarks.vertices is None else landmarks.vertices[:, None]
-    known = landmarks.confidence
-    lines = [[*(["name"] if named else []), *at, *([] if known is None else ["confidence"])]]
-    for number, (name, row) in enumerate(zip(landmarks.names, rows.tolist(), strict=True)):
-        confidence = [] if known is None else [f"{known[number]:.3f}"]
-        lines.append([*([_cell(name)] if named else []), *map(repr, row), *confidence])
+    columns: dict[str, list[str]] = {}
+    if any(landmarks.names):
+        columns["name"] = [_cell(name) for name in landmarks.names]
+    if landmarks.vertices is not None:
+        columns["vertex"] = [repr(vertex) for vertex in landmarks.vertices.tolist()]
+    else:
+        for axis, values in zip("xyz", landmarks.points.T.tolist(), strict=True):
+            columns[axis] = [repr(value) for value in values]
+    if landmarks.confidence is not None:
+        columns["confidence"] = [f"{value:.3f}" for value in landmarks.confidence]
+    lines = [tuple(columns), *zip(*columns.values(), strict=True)]
     return "".join(f"{','.join(line)}\n" for line in lines)
 
 

@@ -13,7 +13,7 @@ from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.result import MatchResult
 from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.messages import NO_MEMORY
+from zoomout_core.messages import NO_MEMORY, message_of
 from zoomout_core.runtime.outputs import check_output
 
 
@@ -74,7 +74,7 @@ def keep_map(save: Callable[[Path], None], output: Path, use: str = " (--initial
     try:
         yield
     except Exception as error:  # whatever it is, the match has taken longest
-        reason = str(error) if isinstance(error, ValueError | OSError | ImportError) else ""
+        reason = message_of(error) if isinstance(error, ValueError | OSError | ImportError) else ""
         if not reason:
             kind = " ".join(f"{type(error).__name__}: {error}".split())
             reason = NO_MEMORY if isinstance(error, MemoryError) else f"It failed unexpectedly ({kind})."

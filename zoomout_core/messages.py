@@ -9,6 +9,7 @@ in a `{role}` such as "source" or "target" at once, and has doubled braces aroun
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable
 from numbers import Integral, Real
 from string import Formatter
@@ -17,6 +18,8 @@ from typing import Any
 NO_MEMORY = "There is not enough memory: close other programs, use a coarser detail, or use meshes with fewer vertices."
 # Maximum length of a format specification in a stored template: a longer one could request gigabytes of spaces.
 MAX_FORMAT_LENGTH = 4
+# Maximum number of characters of a path in a sentence; one that is too long for the system would fill the terminal.
+MAX_NAME_LENGTH = 200
 # JSON keys of a stored Message, and of a stored dictionary with Messages as keys.
 MESSAGE, ITEMS = "zoomout_message", "zoomout_items"
 
@@ -46,6 +49,18 @@ class Message(str):
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Message, (self.template, self.values, self.is_warning)
+
+
+def message_of(error: Exception) -> str:
+    """The message of an error for the user; that of the system about a file is turned into a sentence."""
+    if not isinstance(error, OSError) or error.errno is None:  # the errors of this project have no number
+        return str(error)
+    reason = error.strerror or type(error).__name__
+    if error.filename is None:
+        return f"A file could not be read or written ({reason}): check disk space and permissions."
+    name = os.fsdecode(error.filename) if isinstance(error.filename, str | bytes | os.PathLike) else str(error.filename)
+    shown = name if len(name) <= MAX_NAME_LENGTH else f"{name[:MAX_NAME_LENGTH]}…"
+    return f"{shown} could not be used ({reason}): check the path and its permissions."
 
 
 def message(template: str, **values: Any) -> Message:

@@ -97,7 +97,7 @@ def show_map(source: ShapeLike, target: ShapeLike, result: Match | SurfaceMap, f
         raise ImportError(f"Windows need polyscope, which is missing: {install_hint('window')}.") from error
     (here, there), colors = _corresponding(source, target, result)
     if not polyscope.is_initialized():
-        polyscope.set_use_prefs_file(False)  # else it writes .polyscope.ini and imgui.ini to the current folder
+        polyscope.set_use_prefs_file(False)  # otherwise it writes .polyscope.ini and imgui.ini to the current folder
         polyscope.init()
     polyscope.remove_all_structures()
     right = here.vertices[:, 0].max() + GAP * np.ptp(here.vertices[:, 0]) - there.vertices[:, 0].min()

@@ -10,7 +10,8 @@ from __future__ import annotations
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.maps.functional_map import functional_map_of, vertex_map_of
 from zoomout_core.maps.sampled_basis import SampledBasis
-from zoomout_core.maps.zoomout import Refined, upsample
+from zoomout_core.maps.upsample import upsample
+from zoomout_core.maps.zoomout import Refined
 from zoomout_core.spectral.eigenbasis import SpectralBasis
 from zoomout_core.spectral.sampling import farthest_points
 

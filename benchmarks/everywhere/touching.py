@@ -205,7 +205,7 @@ def _turn(bodies: Bodies, build: str, turns: Mapping[str, Sequence[float] | Floa
 
 
 def _until_touching(pose: Callable[[float], Floats], one: Booleans, other: Booleans) -> Floats:
-    """(n, 3) the first of the poses between 0 and 1 in which two sets of vertices (n,) touch, else the last."""
+    """(n, 3) the first of the poses between 0 and 1 in which two sets of vertices (n,) touch, otherwise the last."""
     for share in np.linspace(0, 1, STEPS):
         posed = pose(share)
         if np.asarray(cKDTree(posed[one]).query(posed[other])[0]).min() < GAP:

@@ -18,16 +18,20 @@ truth, is then `NAME`.
 from __future__ import annotations
 
 import json
+import os
 import random
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from benchmarks.datasets import CORRESPONDENCE, TRUTH
 from benchmarks.tables import Record
 from zoomout_core.arrays import Integers
+from zoomout_core.runtime.array_files import ArrayFileError, read_arrays
+from zoomout_core.runtime.input_files import read_whole
 
 PAIRS, PROTOCOL = "pairs.txt", "protocol.json"
 FOLDERS_OF_SHAPES = ("shapes", "off", ".")
@@ -54,10 +58,11 @@ class OfficialList:
         """Read the list of a set.
 
         Raises:
-            ValueError: a line is not one or two names, or the list is empty.
+            ValueError: a line is not one or two names, or the list is empty or not text.
+            OSError: the list cannot be read.
         """
         pairs = []
-        for line in (folder / PAIRS).read_text().splitlines():
+        for line in _text(folder / PAIRS).splitlines():
             names = line.split()
             if len(names) > 2:
                 raise ValueError(f"{folder / PAIRS} has the line {line!r}: write the names of target and source.")
@@ -74,9 +79,21 @@ class OfficialList:
 
     @property
     def protocol(self) -> Record:
-        """The content of `protocol.json`; empty if there is none."""
+        """The content of `protocol.json`; empty if there is none.
+
+        Raises:
+            ValueError: it is not an object in JSON, or the published figures in it are not.
+        """
         path = self.folder / PROTOCOL
-        return dict(json.loads(path.read_text())) if path.is_file() else {}
+        if not path.is_file():
+            return {}
+        try:
+            content = json.loads(_text(path))
+        except json.JSONDecodeError as error:
+            raise ValueError(f"{path} is not valid JSON in line {error.lineno}: correct it.") from None
+        if not (isinstance(content, dict) and isinstance(content.get("published", {}), dict)):
+            raise ValueError(f"{path} must be a JSON object, and `published` in it another one: correct it.")
+        return content
 
     @property
     def is_far(self) -> bool:
@@ -104,7 +121,8 @@ class OfficialList:
             ValueError: there is none.
         """
         for place in FOLDERS_OF_SHAPES:
-            if (path := self.folder / place / f"{name}.off").is_file():
+            path = self.folder / place / f"{name}.off"
+            if os.path.isfile(path):  # pathlib's raises errors for names that are too long
                 return path
         raise ValueError(f"{self.folder} has no shape {name}.off: remove it from {PAIRS}, or add the file.")
 
@@ -112,16 +130,20 @@ class OfficialList:
         """(c,) target vertices that have a partner, and (c,) their partners on the source.
 
         Raises:
-            ValueError: the truth does not have this pair.
+            ValueError: the truth does not have this pair, or no vertex has a partner.
         """
         truth = _truth(self.folder)
         if self.truth_kind == MAPS:
             image = self.image(target, source)
-            return np.flatnonzero(image >= 0), image[image >= 0]
-        if target not in truth or source not in truth or len(truth[target]) != len(truth[source]):
+            places = np.flatnonzero(image >= 0), image[image >= 0]
+        elif target not in truth or source not in truth or len(truth[target]) != len(truth[source]):
             raise ValueError(f"The truth of {self.folder} has no lists of the same length for {target} and {source}.")
-        known = (truth[target] >= 0) & (truth[source] >= 0)
-        return truth[target][known], truth[source][known]
+        else:
+            known = (truth[target] >= 0) & (truth[source] >= 0)
+            places = truth[target][known], truth[source][known]
+        if not len(places[0]):
+            raise ValueError(f"The truth of {self.folder} has no partner for any vertex of {target} on {source}.")
+        return places
 
     def image(self, target: str, source: str) -> Integers:
         """(n_t,) the source vertex of each target vertex, -1 for none; for truth of the kind `MAPS`.
@@ -166,9 +188,46 @@ def _key(truth: dict[str, Integers], target: str, source: str) -> str | None:
 
 @lru_cache(maxsize=2)
 def _truth(folder: Path) -> dict[str, Integers]:
-    for file in (TRUTH, CORRESPONDENCE):
-        if (folder / file).is_file():
-            with np.load(folder / file) as arrays:
-                return {name: np.asarray(values, dtype=np.int64) for name, values in arrays.items()}
+    """The arrays of a truth by their names; empty if there is none.
+
+    Raises:
+        ValueError: a file is damaged, or has something else than lists of whole numbers.
+    """
+    for path in (folder / TRUTH, folder / CORRESPONDENCE):
+        if path.exists():
+            try:
+                arrays = read_arrays(path)
+            except ArrayFileError as error:
+                raise ValueError(f"{path} could not be read ({error}): download it again.") from error
+            return {name: _vertex_list(path, values) for name, values in arrays.items()}
     files = sorted((folder / FOLDER_OF_VTS).glob("*.vts"))
-    return {path.stem: np.loadtxt(path, dtype=np.int64, ndmin=1) - 1 for path in files}
+    return {path.stem: _read_vts(path) for path in files}
+
+
+def _read_vts(path: Path) -> Integers:
+    """The vertices (c,) in a .vts file, counted from 0."""
+    try:
+        return np.array(_text(path).split(), dtype=np.int64) - 1
+    except (ValueError, OverflowError):
+        raise ValueError(f"{path} has a line that is not a whole number: correct it.") from None
+
+
+def _vertex_list(path: Path, values: Any) -> Integers:
+    """An array of a truth as numbers of vertices (c,)."""
+    found = np.asarray(values)
+    if found.ndim != 1 or found.dtype.kind not in "iuf" or not np.array_equal(found, np.floor(found)):
+        raise ValueError(f"{path} has an array that is not a list of whole numbers: number the vertices from 0.")
+    return found.astype(np.int64)
+
+
+def _text(path: Path) -> str:
+    """The content of a text file.
+
+    Raises:
+        ValueError: it is not text.
+        OSError: it cannot be read.
+    """
+    try:
+        return read_whole(path).decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise ValueError(f"{path} is not a text file in UTF-8: save it as one.") from None

@@ -100,6 +100,11 @@ def measure(chosen: OfficialList, target_name: str, source_name: str, setting: S
     if chosen.truth_kind == NONE:
         return record | _agreement(chosen, (target_name, source_name), placed, vertex, seed)
     at, truth = chosen.places(target_name, source_name)
+    if chosen.truth_kind == MAPS and len(image := chosen.image(target_name, source_name)) != len(target.vertices):
+        raise ValueError(
+            f"The truth of {target_name} has {len(image)} entries, but the shape {len(target.vertices)} vertices: use "
+            "the shape that the truth was made for."
+        )
     at = vertex_numbers(at, len(target.vertices), f"The truth of {target_name}")
     truth = vertex_numbers(truth, len(source.vertices), f"The truth of {source_name}")
     errors = distances(chosen.shape_file(source_name), vertex[at], truth)

@@ -27,7 +27,7 @@ from zoomout_core.collection.dask_engine import local_engine
 from zoomout_core.collection.engine import Failure, Task
 
 
-def run(lists: Sequence[OfficialList], setting: Setting, pairs: int | None, folder: Path, workers: int) -> None:
+def run(lists: Sequence[OfficialList], setting: Setting, pairs: int | None, folder: Path, workers: int) -> list[str]:
     """Measure the pairs of lists that have no record yet, in several processes, and append their records.
 
     Args:
@@ -36,9 +36,16 @@ def run(lists: Sequence[OfficialList], setting: Setting, pairs: int | None, fold
         pairs: number of pairs of each list, see `OfficialList.sample`; all if not given.
         folder: of the records.
         workers: number of processes, each with one thread.
+
+    Returns:
+        Why pairs could not be measured.
+
+    Raises:
+        ValueError: the truth or the protocol of a list cannot be read.
+        OSError: a record cannot be written.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    tasks, files = [], {}
+    tasks, files, failures = [], {}, list[str]()
     code = code_version(Path(measure_module.__file__))
     for chosen in lists:
         (folder / f"{chosen.name}.json").write_text(json.dumps(describe(chosen), indent=1))
@@ -52,12 +59,16 @@ def run(lists: Sequence[OfficialList], setting: Setting, pairs: int | None, fold
                 tasks.append(Task(name, measure, (chosen, target, source, setting)))
                 files[name] = path, key
     if not tasks:
-        return
+        return failures
     with local_engine(min(workers, len(tasks)), retries=0) as engine:
         for done in tqdm(engine.as_completed(tasks), total=len(tasks)):
             path, key = files[done.key]
-            outcome = {"failed": done.result.message} if isinstance(done.result, Failure) else done.result
+            outcome = done.result
+            if isinstance(done.result, Failure):
+                failures.append(f"{done.key}: {done.result.message}")
+                outcome = {"failed": done.result.message}
             append(path, key | outcome)
+    return failures
 
 
 def describe(chosen: OfficialList) -> Record:
@@ -79,11 +90,18 @@ def latest(records: Sequence[Record]) -> list[Record]:
 
 
 def sets_in(folder: Path, names: Collection[str] = ()) -> Iterator[tuple[str, Record, list[Record]]]:
-    """Name, description and latest records of each set that has records in a folder."""
+    """Name, description and latest records of each set that has records in a folder.
+
+    Raises:
+        ValueError: a set has no description.
+    """
     for path in sorted(folder.glob("*.jsonl")):
         records = read(path)
         if records and (not names or path.stem in names):
-            yield path.stem, json.loads(path.with_suffix(".json").read_text()), latest(records)
+            about = path.with_suffix(".json")
+            if not about.is_file():
+                raise ValueError(f"There is no {about} about the records beside it: measure the set again.")
+            yield path.stem, json.loads(about.read_text()), latest(records)
 
 
 def _key(record: Record) -> tuple[str, ...]:

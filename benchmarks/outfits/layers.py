@@ -11,7 +11,7 @@ import numpy as np
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import area_normals, components, unique_edges
-from zoomout_core.transfer.dressing.contact import SidedSurface
+from zoomout_core.transfer.dressing.barriers import SidedSurface
 
 # A part is a layer if it has this many triangles: smaller ones are buttons and eyelets.
 TRIANGLES = 100

@@ -28,8 +28,8 @@ from zoomout_core.transfer import (
     Skeleton,
     WeightedBody,
     align_joints,
-    carry,
     clear_in_poses,
+    fit_to_shape,
     follow_weights,
 )
 from zoomout_core.transfer.rigging.poses import gentle_poses
@@ -65,7 +65,7 @@ def dress(case: Case, shape: Floats, stiffness: float = 0.5, align: bool = True)
     if align:
         shape = _align(case, shape)
     manners: list[Manner] = ["hair" if name in HAIR or is_hair(name, ()) else "automatic" for name in case.things]
-    dressed = carry(case.source, shape, case.target, things, manners=manners, stiffness=stiffness)
+    dressed = fit_to_shape(case.source, shape, case.target, things, manners=manners, stiffness=stiffness)
     if case.body is None:
         return Fitted(list(dressed.vertices))
     assert case.weights is not None
@@ -183,6 +183,8 @@ WAYS: dict[str, Way] = {
 }
 # `bind_to_nearest` with the true map, which no method has.
 BY_TRUE_MAP = "nearest triangle, true map"
+# The authors' own outfit on the target, if it is known.
+TRUE = "truth"
 
 
 def _object(name: str, surface: Surface) -> Object:

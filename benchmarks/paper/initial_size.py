@@ -24,7 +24,7 @@ from benchmarks.tables import Record
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.maps.nearest import nearest
 from zoomout_core.maps.sampled_basis import SampledBasis
-from zoomout_core.maps.zoomout import upsample
+from zoomout_core.maps.upsample import upsample
 from zoomout_core.spectral.sampling import farthest_points
 
 START = "WKSini_direct"

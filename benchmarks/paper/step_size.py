@@ -23,7 +23,7 @@ from benchmarks.paper.compared import compare
 from benchmarks.tables import Record, Tables
 from zoomout_core.arrays import Integers
 from zoomout_core.maps.sampled_basis import SampledBasis
-from zoomout_core.maps.zoomout import upsample
+from zoomout_core.maps.upsample import upsample
 from zoomout_core.spectral.sampling import farthest_points
 
 INITIAL, FINAL = 10, 310

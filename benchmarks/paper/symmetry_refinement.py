@@ -17,7 +17,7 @@ import zoomout_core as zo
 from benchmarks.baselines.bcicp import Side, bcicp
 from benchmarks.baselines.sampled_zoomout import sampled_zoomout
 from benchmarks.datasets import MAX_PLACES, mirrored_places, sets_in, shapes_with_symmetry
-from benchmarks.paper.refinement import K_FIXED
+from benchmarks.paper.refinement_methods import K_FIXED
 from benchmarks.paper.starts import K_SIGNATURES
 from benchmarks.tables import Record
 from zoomout_core.arrays import Floats, Integers

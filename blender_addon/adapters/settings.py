@@ -74,7 +74,7 @@ class Binding:
     Attributes:
         shape: "rest_pose": the target is posed, and is moved to the rest pose. "keep_shape": it is in the rest pose
             already. "automatic": detect which.
-        replace: whether to unbind the target from other armatures; else a bound target is rejected.
+        replace: whether to unbind the target from other armatures; otherwise a bound target is rejected.
         move_rig: whether to bind it to a copy of the armature whose bones are moved into the target.
     """
 

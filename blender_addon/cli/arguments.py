@@ -4,11 +4,8 @@
 from __future__ import annotations
 
 import argparse
-import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 from zoomout_core.matching.presets import DETAIL
 from zoomout_core.transfer.keys.key_table import CONVENTIONS
@@ -21,9 +18,8 @@ from ..properties.symmetry import DetectOptions, DirectionOptions, KeyOptions, L
 from ..properties.transfer import BindChoice, BindOptions, BindView, BlendOptions
 from ..properties.wrap import WrapOptions
 from . import NAME
+from .property_arguments import _number, add_options
 
-# Pipelines have time for levels of detail that the sidebar does not offer.
-MORE_CHOICES = {"detail": tuple(DETAIL)}
 LAYERS = tuple(name for name in LayerOptions.__annotations__ if name != "uv_layout")
 CHECKS = ("shape", "weights")
 # Commands that do not change the open file.
@@ -49,18 +45,6 @@ def parse(command_line: Sequence[str]) -> argparse.Namespace:
     elif options.command in ("match", "transfer"):
         _check_pair(parser, options)
     return options
-
-
-def as_in_sidebar(options: argparse.Namespace, *groups: type) -> Any:
-    """The options of some groups, with the values that Blender's properties would have."""
-    values = {}
-    for group in groups:
-        for name, option in group.__annotations__.items():
-            value = getattr(options, name)
-            kind = _kind(option)
-            is_angle = option.keywords.get("subtype") == "ANGLE"
-            values[name] = value.upper() if kind == "Enum" else math.radians(value) if is_angle else value
-    return SimpleNamespace(**values)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -104,14 +88,14 @@ def _add_transfer(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--data", nargs="+", choices=DATA, default=USUAL_DATA, metavar="KIND", help=", ".join(DATA))
     _add_force(parser)
     for group in (BlendOptions, BindChoice, BindOptions, BindView):
-        _add_options(parser, group)
+        add_options(parser, group)
 
 
 def _add_wrap(parser: argparse.ArgumentParser) -> None:
     """Add options of wrapping."""
     _add_objects(parser)
-    _add_options(parser, MatchOptions)
-    _add_options(parser, WrapOptions)
+    add_options(parser, MatchOptions)
+    add_options(parser, WrapOptions)
     _add_force(parser)
 
 
@@ -122,8 +106,8 @@ def _add_dress(parser: argparse.ArgumentParser) -> None:
         "--thing", action="append", dest="things", default=[], metavar="NAME", help="object; may be repeated"
     )
     parser.add_argument("--collection", metavar="NAME", help="collection of such objects")
-    _add_options(parser, MatchOptions)
-    _add_options(parser, DressOptions)
+    add_options(parser, MatchOptions)
+    add_options(parser, DressOptions)
     _add_force(parser)
 
 
@@ -143,7 +127,7 @@ def _add_carry(parser: argparse.ArgumentParser) -> None:
     _add_two_files(parser)
     parser.add_argument("--data", nargs="+", choices=DATA, default=USUAL_DATA, metavar="KIND", help=", ".join(DATA))
     for group in (BlendOptions, BindChoice, BindOptions):
-        _add_options(parser, group)
+        add_options(parser, group)
     parser.add_argument(
         "--move-rig", action="store_true", help="bind to a copy of the armature whose bones move into the target"
     )
@@ -203,7 +187,7 @@ def _add_outfits(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--restart", action="store_true", help="compute everything again")
     parser.add_argument("--language", choices=(ENGLISH, *LANGUAGES), help="of report.html, if not that of Blender")
     parser.add_argument("--detail", choices=tuple(DETAIL), default="balanced", help="for the matches")
-    _add_options(parser, DressOptions)
+    add_options(parser, DressOptions)
     _add_force(parser)
 
 
@@ -260,7 +244,7 @@ def _add_pair(parser: argparse.ArgumentParser) -> None:
     _add_objects(parser)
     parser.add_argument("--source-collection", metavar="NAME", help="collection of the meshes to copy data from")
     parser.add_argument("--target-collection", metavar="NAME", help="collection of the meshes that receive the data")
-    _add_options(parser, MatchOptions)
+    add_options(parser, MatchOptions)
 
 
 def _check_pair(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
@@ -281,13 +265,13 @@ def _add_symmetry(parser: argparse.ArgumentParser) -> None:
         "--object", required=True, action="append", dest="objects", metavar="NAME", help="object; may be repeated"
     )
     parser.add_argument("--detect-again", action="store_true", help="find symmetries again, even if an object has some")
-    _add_options(parser, DetectOptions)
+    add_options(parser, DetectOptions)
     parser.add_argument("--use", type=_number(int, 1, None), metavar="N", help="use the Nth symmetry found")
     parser.add_argument("--swap-sides", action="store_true", help="swap left and right")
     parser.add_argument("--name-sides", action="store_true", help="create vertex groups for the sides")
-    _add_options(parser, SideOptions)
+    add_options(parser, SideOptions)
     parser.add_argument("--symmetrise-weights", action="store_true", help="make vertex groups symmetric")
-    _add_options(parser, DirectionOptions)
+    add_options(parser, DirectionOptions)
     parser.add_argument(
         "--mirror-shape-keys",
         nargs="+",
@@ -295,65 +279,11 @@ def _add_symmetry(parser: argparse.ArgumentParser) -> None:
         metavar="KEY",
         help=("create mirrored keys from these, as set by --key-mode"),
     )
-    _add_options(parser, KeyOptions)
+    add_options(parser, KeyOptions)
     parser.add_argument(
         "--mirror-attributes", nargs="+", choices=LAYERS, default=(), metavar="KIND", help=", ".join(LAYERS)
     )
-    _add_options(parser, LayerOptions, ["uv_layout"])
+    add_options(parser, LayerOptions, ["uv_layout"])
     parser.add_argument(
         "--check", nargs="+", choices=CHECKS, default=(), help="finally, report how much the sides differ in these"
     )
-
-
-def _add_options(parser: argparse.ArgumentParser, group: type, names: Iterable[str] = ()) -> None:
-    """Add all or some options of a group of properties."""
-    for name in names or group.__annotations__:
-        flag = "--" + name.removeprefix("use_").replace("_", "-")
-        flag, keywords = _argument(flag, name, group.__annotations__[name])
-        parser.add_argument(flag, dest=name, **keywords)
-
-
-def _argument(flag: str, name: str, option: Any) -> tuple[str, dict[str, Any]]:
-    """The flag and the keywords by which argparse reads a Blender property."""
-    definition, kind = option.keywords, _kind(option)
-    default, explanation = definition.get("default"), definition["description"].replace("%", "%%")
-    if kind == "Bool" and default:
-        about = {"action": "store_false", "default": default, "help": f"turn off: {explanation}"}
-        return flag.replace("--", "--no-", 1), about
-    if kind == "Bool":
-        return flag, {"action": "store_true", "default": default, "help": explanation}
-    if kind == "Enum":
-        choices = MORE_CHOICES.get(name) or tuple(identifier.lower() for identifier, *_ in definition["items"])
-        return flag, {"choices": choices, "type": str.lower, "default": default.lower(), "help": explanation}
-    if kind == "String":
-        return flag, {"metavar": "TEXT", "default": "", "help": explanation}
-    is_angle = definition.get("subtype") == "ANGLE"
-    convert = math.degrees if is_angle else float if kind == "Float" else int
-    low, high = (None if definition.get(end) is None else convert(definition[end]) for end in ("min", "max"))
-    return flag, {
-        "type": _number(int if kind == "Int" else float, low, high),
-        "metavar": "N",
-        "default": round(convert(default), 6),
-        "help": f"{explanation}, in degrees" if is_angle else explanation,
-    }
-
-
-def _number(kind: type, minimum: float | None, maximum: float | None) -> Callable[[str], float]:
-    """A parser of numbers in a range."""
-
-    def read(text: str) -> float:
-        number: float = kind(text)
-        if minimum is not None and number < minimum:
-            raise argparse.ArgumentTypeError(f"{text} is less than {minimum:g}")
-        if maximum is not None and number > maximum:
-            raise argparse.ArgumentTypeError(f"{text} is more than {maximum:g}")
-        return number
-
-    read.__name__ = kind.__name__  # argparse uses it in the error where a text is not a number
-    return read
-
-
-def _kind(option: Any) -> str:
-    """The type of an option's Blender property, such as "Enum"."""
-    name: str = option.function.__name__
-    return name.removesuffix("Property")

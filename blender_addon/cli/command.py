@@ -17,7 +17,7 @@ import zoomout_core as zo
 from zoomout_core.assets.files import inputs_of
 from zoomout_core.matching.report.verdict import select_notes
 from zoomout_core.mesh.formats.blender_files import split_asset
-from zoomout_core.messages import note_figures, note_lines
+from zoomout_core.messages import message_of, note_figures, note_lines
 from zoomout_core.runtime.outputs import atomic_write, check_output
 
 from ..scene.files import check_writable_format, save_scene
@@ -60,7 +60,7 @@ def run(command_line: Sequence[str]) -> int:
     except SystemExit as ended:  # after --help, or with the usage on the terminal
         return int(ended.code or 0)
     except (ValueError, OSError) as error:  # nothing was done or written
-        print(f"zoomout: {error}", file=sys.stderr)
+        print(f"zoomout: {message_of(error)}", file=sys.stderr)
         return FAILED
     command, done = options.command, WITHOUT_PAIRS.get(options.command, "targets")
     report: dict[str, Any] = {"command": command, **({"source": options.source} if done == "targets" else {}), done: {}}
@@ -72,7 +72,7 @@ def run(command_line: Sequence[str]) -> int:
                 save_scene(options.save, [] if options.in_place else _inputs(options))
             report["saved"] = options.save
     except (ValueError, OSError, RuntimeError) as error:  # Blender raises the last, such as on a full disk
-        report["error"] = str(error)
+        report["error"] = message_of(error)
         failed = [report["error"]]
     report[done] = {name: _with_warnings(entry) for name, entry in report[done].items()}
     if options.report:
@@ -80,7 +80,7 @@ def run(command_line: Sequence[str]) -> int:
             with atomic_write(options.report) as part:
                 part.write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
         except OSError as error:
-            failed.append(str(error))
+            failed.append(message_of(error))
     _print(command, "to" if done == "targets" else "of", report[done])
     for reason in failed:
         print(f"zoomout: {reason}", file=sys.stderr)

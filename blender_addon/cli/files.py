@@ -17,23 +17,23 @@ from zoomout_core.drawing import encode_png
 from zoomout_core.matching.options import MatchOptions
 from zoomout_core.matching.presets import resolve_detail
 from zoomout_core.mesh.formats.files import write_shape
+from zoomout_core.messages import message_of
 from zoomout_core.outfits.command import dress_files, find_avatars
 from zoomout_core.runtime.outputs import atomic_write
 
 from ..properties.dress import DressOptions
 from ..properties.transfer import BindOptions, BlendOptions
 from ..scene.selection import asset_libraries
-from ..services.carry import FileTransfer, read_file
-from ..services.carry import carry as carry_file
 from ..services.dressing.read import Dressing
 from ..services.expressions import Review, has_keys, review_expressions
 from ..services.key_names import rename_shape_keys
 from ..services.library import read_assets
 from ..services.outfits import ENDINGS, BlenderFiles
 from ..services.targets import Outcome
+from ..services.transfer_files import FileTransfer, read_file, transfer_files
 from ..storage.stored_match import StoredMatch
 from ..translations import user_language
-from .arguments import as_in_sidebar
+from .property_arguments import as_in_sidebar
 
 
 def surface(context: Context, options: argparse.Namespace) -> dict[str, Any]:
@@ -82,7 +82,7 @@ def library(context: Context, options: argparse.Namespace) -> dict[str, Any]:
         try:
             prepared = zo.Library(folder, options.index, bpy.app.binary_path or None).prepare()
         except (ValueError, OSError) as error:
-            entries[folder] = {"error": str(error)}
+            entries[folder] = {"error": message_of(error)}
             continue
         skipped = {str(path): f"{path} was skipped. {sentence}" for path, sentence in prepared.failures.items()}
         entries[folder] = {"assets": prepared.assets, "new": prepared.new, "left_out": skipped}
@@ -105,7 +105,7 @@ def carry(context: Context, options: argparse.Namespace) -> dict[str, Any]:
         settings=BlendOptions.settings(as_in_sidebar(options, BlendOptions)),
         binding=replace(binding, move_rig=options.move_rig) if options.bind or options.move_rig else None,
     )
-    outcome = carry_file(context, transfer)
+    outcome = transfer_files(context, transfer)
     return outcome.done | {name: {"error": reason} for name, reason in outcome.failed.items()}
 
 
@@ -143,7 +143,7 @@ def faces(context: Context, options: argparse.Namespace) -> dict[str, Any]:
         if outcome.done:
             reviews.append(review_expressions(context, sources, matches))
 
-    outcome = carry_file(context, _file_transfer(options, ("shape_keys",)), review)
+    outcome = transfer_files(context, _file_transfer(options, ("shape_keys",)), review)
     failed = {name: reason for name, reason in outcome.failed.items() if name not in without or not outcome.done}
     entries = outcome.done | {name: {"error": reason} for name, reason in failed.items()}
     for found in reviews:

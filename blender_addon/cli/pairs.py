@@ -27,7 +27,7 @@ from ..services.targets import Write, each_target
 from ..services.transfer import prepare_transfer
 from ..services.wrap import Wrapping, check_one_target, prepare_wrap
 from ..storage import stored_match
-from .arguments import as_in_sidebar
+from .property_arguments import as_in_sidebar
 
 Result = TypeVar("Result")
 

@@ -66,7 +66,7 @@ class WrapOptions:
     )
     wrap_landmarks: BoolProperty(
         name="Fit Landmarks",
-        description="Place landmarks that both meshes have exactly on each other",
+        description="Make the landmarks of both meshes coincide exactly",
         default=True,
         options=ONCE,
     )

@@ -23,6 +23,7 @@ from zoomout_core.messages import enumeration, message, plural
 from ..mesh_data import SurfacePoint, evaluated_mesh, extent, nearest_surface_point, positions_in_world
 from ..mesh_data.arrays import hash_of
 from ..properties.landmarks import ZOOMOUT_PG_landmark, ZOOMOUT_PG_place
+from .pair import check_context, name_of
 from .selection import participants
 
 # Starts of a match that may use landmarks.
@@ -53,8 +54,12 @@ def landmark_pairs(context: Context, source: Object, target: Object) -> Landmark
     """The landmarks that two objects have in common, at their present places.
 
     Raises:
-        MeshError: an object is disabled.
+        MeshError: an object is disabled, or was removed from the file.
+        TypeError: the context is not Blender's, or one of the two is not an object.
     """
+    check_context(context)
+    for obj in (source, target):
+        name_of(obj)
     on_both, on_one, gone = [], [], []
     depsgraph = context.evaluated_depsgraph_get()
     places = {obj: world_positions(obj, surface_points_on(context.scene, obj), depsgraph) for obj in (source, target)}
@@ -174,7 +179,7 @@ def confirm_landmarks(scene: Scene, objects: Sequence[Object], numbers: Collecti
 def next_number(scene: Scene, obj: Object, others: Iterable[Object]) -> int:
     """The number of the next landmark on an object.
 
-    It is the lowest number that another object has, and this one lacks or has as a proposal; else the next unused one.
+    It is the lowest number that another object has and this one lacks, or has as a proposal; otherwise the next one.
     """
     own = set(surface_points_on(scene, obj))
     theirs = set().union(*(surface_points_on(scene, other) for other in others if other != obj))

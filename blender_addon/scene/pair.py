@@ -29,6 +29,12 @@ from ..mesh_data.arrays import hash_of
 READING = "Reading the meshes"
 
 
+def check_context(context: object) -> None:
+    """Raise a TypeError unless a script gives Blender's context, or something like it with a scene."""
+    if getattr(context, "scene", None) is None:
+        raise TypeError(f"The context is {context!r:.60}: give Blender's, bpy.context.")
+
+
 def name_of(obj: object) -> str:
     """The name of an object, or of a collection, that a script gives.
 
@@ -61,7 +67,9 @@ def find_mesh(context: Context, name: str, edited: bool = False) -> Object:
 
     Raises:
         MeshError: the scene has no such mesh, or several objects of the name, or it is in Edit Mode.
+        TypeError: the context is not Blender's.
     """
+    check_context(context)
     obj = context.scene.objects.get(name)
     if obj is None:
         raise zo.MeshError("There is no object '{name}' in the scene: choose another one.", name=name)

@@ -19,8 +19,8 @@ from .pair import find_mesh
 def choose_source(context: Context, target: Object, named: str = "", edited: bool = False) -> Object:
     """The source for a target.
 
-    It is the object `named`, else the one chosen in the scene, else the only selected mesh besides the target and what
-    it wears, else the one that the target was matched with. For `edited`, see `find_mesh`.
+    It is the first of these that exists: the object `named`, the one chosen in the scene, the only mesh selected
+    besides the target and its clothes, the one that the target was matched with. For `edited`, see `find_mesh`.
 
     Raises:
         MeshError: it is not a mesh that can be read, or the source is ambiguous or missing.
@@ -118,7 +118,8 @@ def participants(context: Context) -> tuple[Object, list[Object]]:
 def source_of_worn(context: Context, target: Object, named: str = "") -> str:
     """The name of the source whose clothes dress a target. The selection is ignored, because it may be the clothes.
 
-    It is the object `named`, else the one chosen in the scene, else the one that the target was matched with.
+    It is the first of these that exists: the object `named`, the one chosen in the scene, the one that the target was
+    matched with.
 
     Raises:
         MeshError: the source is missing.

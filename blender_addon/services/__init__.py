@@ -14,7 +14,6 @@ from ..jobs import compute
 if TYPE_CHECKING:
     from . import bake as bake
     from . import binding as binding
-    from . import carry as carry
     from . import check_motion as check_motion
     from . import clear_data as clear_data
     from . import dressing as dressing
@@ -32,6 +31,7 @@ if TYPE_CHECKING:
     from . import symmetry as symmetry
     from . import targets as targets
     from . import transfer as transfer
+    from . import transfer_files as transfer_files
     from . import transfer_report as transfer_report
     from . import wrap as wrap
 else:

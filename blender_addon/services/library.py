@@ -25,9 +25,9 @@ from zoomout_core.transfer import Attribute
 from .. import mesh_data
 from ..jobs import compute, run
 from ..scene.files import COLLECTION, append_assets, append_file, assets_of, open_empty_scene, shown_meshes
-from ..scene.pair import find_mesh, name_of
-from .carry import read_file
+from ..scene.pair import check_context, find_mesh, name_of
 from .found_pictures import last_pictures
+from .transfer_files import read_file
 
 # Fraction of the progress that the preparation takes; a prepared library takes no time.
 PREPARED = 0.5
@@ -148,6 +148,7 @@ def append_source(context: Context, path: str | Path, joints: Sequence[str] = ()
     Raises:
         MeshError: the file cannot be read, or has no mesh, or the active object has none of the groups.
     """
+    check_context(context)
     check_path(path)
     selected, target = context.selected_objects, context.view_layer.objects.active
     mask = _sum_of_groups(target, joints) if joints else None

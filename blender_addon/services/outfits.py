@@ -17,8 +17,8 @@ from zoomout_core.maps.known_match import KnownMatch
 from zoomout_core.mesh.affine_maps import normalise
 from zoomout_core.mesh.formats.blender_files import BLEND
 from zoomout_core.messages import warning
-from zoomout_core.outfits.batch import DressedFile
 from zoomout_core.outfits.check import RiggedSurface, check_rigged
+from zoomout_core.outfits.dress_file import DressedFile
 from zoomout_core.outfits.parts import are_of_body
 from zoomout_core.transfer import Skeleton
 from zoomout_core.transfer.rigging.joint_map import RiggedBody
@@ -66,7 +66,7 @@ class _Avatar:
 
 @dataclass(frozen=True)
 class BlenderFiles:
-    """Avatars in files that Blender opens, and how they are dressed: `zoomout_core.outfits.batch.AvatarFiles`.
+    """Avatars in files that Blender opens, and how they are dressed: `zoomout_core.outfits.dress_file.AvatarFiles`.
 
     Attributes:
         context: Blender's; each file replaces the open one.

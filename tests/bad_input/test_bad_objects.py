@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import bpy
 import numpy as np
@@ -94,8 +95,8 @@ TARGETS: dict[str, tuple[Callable[[Object], None], str]] = {
     "a vertex at infinity": (in_place(with_values(7, np.inf)), "not finite"),
     "no extent": (in_place(lambda points: points * 0), "no area"),
     "on a line": (in_place(lambda points: points * [1, 0, 0]), "no area"),
-    "a scale of zero": (scaled(0, 0, 0), "no area"),
-    "a scale of zero in two directions": (scaled(1, 0, 0), "no area"),
+    "a scale of zero": (scaled(0, 0, 0), "scale of zero: change that scale"),
+    "a scale of zero in two directions": (scaled(1, 0, 0), "scale of zero: change that scale"),
     "a flat scale": (scaled(1, 1, 0), ""),
     "a tiny scale": (scaled(1e-12, 1e-12, 1e-12), ""),
     "a huge scale": (scaled(1e12, 1e12, 1e12), ""),
@@ -193,6 +194,38 @@ def test_wrong_arguments_of_scripts_raise_one_sentence(name: str) -> None:
     call, said = CALLS[name]
     with pytest.raises((TypeError, ValueError), match=rf"{said}[^\n]*\.$"):
         call(body("Source", 0), body("Target", 1))
+
+
+CONTEXTLESS: dict[str, Callable[[Any, Object, Object], object]] = {
+    "match_objects": lambda context, *pair: api.match_objects(context, *pair),
+    "transfer_objects": lambda context, *pair: api.transfer_objects(context, *pair),
+    "bind_to_rig": lambda context, *pair: api.bind_to_rig(context, *pair),
+    "move_rig": lambda context, *pair: api.move_rig(context, *pair),
+    "move_armature": lambda context, *pair: api.move_armature(context, pair[0], *pair),
+    "add_bones": lambda context, *pair: api.add_bones(context, *pair, "Bone"),
+    "wrap": lambda context, *pair: api.wrap(context, *pair),
+    "dress": lambda context, *pair: api.dress(context, *pair, [pair[0]]),
+    "bake_textures": lambda context, _, target: api.bake_textures(context, target),
+    "keep_linked": lambda context, _, target: api.keep_linked(context, target),
+    "make_levels": lambda context, source, _: api.make_levels(context, source),
+    "check_motion": lambda context, _, target: api.check_motion(context, target),
+    "detect_symmetry": lambda context, source, _: api.detect_symmetry(context, source),
+    "check_symmetry": lambda context, source, _: api.check_symmetry(context, source),
+    "set_landmark": lambda context, source, _: api.set_landmark(context, source, 1, 1),
+    "landmark_pairs": lambda context, *pair: api.landmark_pairs(context, *pair),
+    "find_source": lambda context, _, target: api.find_source(context, target, ["."]),
+    "append_source": lambda context, *_: api.append_source(context, "a.blend"),
+    "match_collections": lambda context, *_: api.match_collections(
+        context, bpy.context.scene.collection, bpy.context.scene.collection
+    ),
+}
+
+
+@pytest.mark.parametrize("context", [None, "context"])
+@pytest.mark.parametrize("name", CONTEXTLESS)
+def test_a_context_that_is_not_blenders_is_named(name: str, context: object) -> None:
+    with pytest.raises(TypeError, match=rf"The context is {context!r}: give Blender's, bpy.context\."):
+        CONTEXTLESS[name](context, body("Source", 0), body("Target", 1))
 
 
 def test_refused_landmark_adds_nothing() -> None:

@@ -12,7 +12,7 @@ from creatures import creature
 
 from benchmarks import datasets
 from benchmarks.__main__ import main
-from benchmarks.paper import refinement, starts
+from benchmarks.paper import refinement, refinement_methods, starts
 
 
 @pytest.fixture
@@ -29,7 +29,7 @@ def features(tmp_path: Path) -> Path:
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """The initial map alone, from few functions."""
     monkeypatch.setattr(refinement, "METHODS", {"initial": refinement.METHODS["initial"]})
-    monkeypatch.setattr(refinement, "K_FINAL", 20)
+    monkeypatch.setattr(refinement_methods, "K_FINAL", 20)
     monkeypatch.setattr(starts, "K_SIGNATURES", 40)
     monkeypatch.setattr(datasets, "MAX_PLACES", 50)
 

@@ -392,3 +392,91 @@ def test_processes_share_the_pairs(tmp_path: Path, data: Path) -> None:
     row = run_command(data, tmp_path, "--rotate", "--workers", "2")
     assert (row["input"], row["success %"]) == ("turned", 100)
     assert row["error"] < 8
+
+
+ALL = {"a": EVERY, "b": EVERY}
+BAD_FILES: dict[str, tuple[str, bytes, str]] = {
+    "pairs that are no text": ("pairs.txt", b"\xff\xfea", "is not a text file in UTF-8: save it as one"),
+    "a truth that is no archive": ("truth.npz", b"junk", "it is not an .npz file, or it is damaged"),
+    "an empty truth": ("truth.npz", b"", "it is not an .npz file, or it is damaged"),
+    "a protocol that is no JSON": ("protocol.json", b"{", "is not valid JSON in line 1: correct it"),
+    "a protocol that is a list": ("protocol.json", b"[]", "must be a JSON object"),
+    "published figures in a list": ("protocol.json", b'{"published": [1]}', "must be a JSON object"),
+}
+BAD_TRUTHS: dict[str, tuple[dict[str, Any], str]] = {
+    "other names": ({"x": EVERY}, "no lists of the same length"),
+    "no partner at all": ({"a": -EVERY - 1, "b": EVERY}, "no partner for any vertex of a on b"),
+    "numbers beyond the shape": ({"a": EVERY + 90, "b": EVERY}, "must be vertex numbers from 0 to 7"),
+    "a map of another shape": ({"a__b": EVERY[:3]}, "has 3 entries, but the shape 8 vertices"),
+    "fractions": ({"a": EVERY + 0.5, "b": EVERY}, "not a list of whole numbers"),
+    "not numbers": ({"a": EVERY * np.nan, "b": EVERY}, "not a list of whole numbers"),
+    "words": ({"a": np.array(["x"] * len(EVERY)), "b": EVERY}, "not a list of whole numbers"),
+    "tables": ({"a": np.zeros((8, 2)), "b": np.zeros((8, 2))}, "not a list of whole numbers"),
+}
+
+
+def official(folder: Path, *more: object) -> Any:
+    """Run the command on the sets in a folder."""
+    page = folder.parent / "page.md"
+    options = ["--data", folder, "--page", page, "--workers", 1, *more]
+    return CliRunner().invoke(main, ["official", *map(str, options)])
+
+
+def refusal(ran: Any) -> str:
+    """The sentence with which a command failed."""
+    assert ran.exit_code == 1, ran.output
+    assert isinstance(ran.exception, SystemExit)
+    (line,) = [line for line in ran.output.splitlines() if line.startswith("Error: ")]
+    return line
+
+
+@pytest.mark.parametrize("name", BAD_FILES)
+def test_damaged_files_of_a_set_are_named(name: str, tmp_path: Path) -> None:
+    make_list(tmp_path / "sets" / "SET", "a b\n", ALL)
+    file, content, why = BAD_FILES[name]
+    (tmp_path / "sets" / "SET" / file).write_bytes(content)
+    said = refusal(official(tmp_path / "sets"))
+    assert f"SET/{file}" in said
+    assert why in said
+
+
+def test_a_folder_in_place_of_a_file_is_named(tmp_path: Path) -> None:
+    make_list(tmp_path / "sets" / "SET", "a b\n", ALL)
+    for name in ("truth.npz", "pairs.txt"):
+        (tmp_path / "sets" / "SET" / name).unlink()
+        (tmp_path / "sets" / "SET" / name).mkdir()
+        _truth.cache_clear()
+        assert "it is a folder, not a file" in refusal(official(tmp_path / "sets"))
+
+
+@pytest.mark.parametrize("name", BAD_TRUTHS)
+def test_a_truth_that_does_not_fit_its_pair_is_no_measurement(name: str, tmp_path: Path, match_to: Match) -> None:
+    match_to(EVERY)
+    truth, why = BAD_TRUTHS[name]
+    make_list(tmp_path / "sets" / "SET", "a b\n", truth)
+    assert why in refusal(official(tmp_path / "sets"))
+    assert not any("error" in record for record in read(tmp_path / "page" / "SET.jsonl"))
+
+
+def test_pairs_that_cannot_be_measured_fail_the_command_after_the_others(tmp_path: Path, match_to: Match) -> None:
+    match_to(EVERY)
+    make_list(tmp_path / "sets" / "SET", f"a b\na missing\na {'x' * 300}\n", ALL)
+    ran = official(tmp_path / "sets")
+    assert "Pairs that could not be measured: 2. The first: SET/a/missing: " in refusal(ran)
+    assert "has no shape missing.off" in ran.output
+    assert (tmp_path / "page.md").is_file()
+    assert sum("error" in record for record in read(tmp_path / "page" / "SET.jsonl")) == 1
+
+
+def test_records_that_are_no_records_are_passed_over_or_named(tmp_path: Path, match_to: Match) -> None:
+    match_to(EVERY)
+    make_list(tmp_path / "sets" / "SET", "a b\n", ALL)
+    (tmp_path / "page").mkdir()
+    (tmp_path / "page" / "SET.jsonl").write_text('[1]\n3\n{"code": "x", "tar')
+    assert official(tmp_path / "sets").exit_code == 0
+    (tmp_path / "page" / "OTHER.jsonl").write_text((tmp_path / "page" / "SET.jsonl").read_text())
+    assert "OTHER.json about the records beside it: measure the set again" in refusal(official(tmp_path / "sets"))
+    (tmp_path / "elsewhere").write_text("")
+    ran = official(tmp_path / "sets", "--records", tmp_path / "elsewhere")
+    assert "is a file" in ran.output
+    assert ran.exit_code == 2

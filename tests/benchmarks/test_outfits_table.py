@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from creatures import creature
 
-from benchmarks import outfits
 from benchmarks.binding import pictures
+from benchmarks.outfits import measure, table
 from benchmarks.outfits.cases import LOOSE, REMESHED, SAME, STRICT, Case, cases
 from benchmarks.outfits.clothes import Wardrobe
 from benchmarks.outfits.layers import Layers
-from benchmarks.outfits.methods import BY_TRUE_MAP, WAYS
+from benchmarks.outfits.methods import BY_TRUE_MAP, TRUE, WAYS
 from benchmarks.tables import NOT_SHOWN
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.samples.spheres import ball
@@ -24,12 +24,12 @@ pytestmark = pytest.mark.slow
 HALF_TURN = np.diag([-1.0, 1, -1])
 
 
-def skin(radius: float = 1.0) -> outfits.Skin:
-    return outfits.Skin(ball(radius, count=900, seed=2))
+def skin(radius: float = 1.0) -> measure.Skin:
+    return measure.Skin(ball(radius, count=900, seed=2))
 
 
 def figures(thing: Surface, found: np.ndarray, truth: np.ndarray | None, radius: float = 1.0) -> dict[str, float]:
-    return outfits.Expected(thing, (skin(), skin(radius)), 0.1, truth).figures(found)
+    return measure.Expected(thing, (skin(), skin(radius)), 0.1, truth).figures(found)
 
 
 def test_unchanged_garment_has_no_faults() -> None:
@@ -84,7 +84,7 @@ def test_faults_are_counted() -> None:
 
 def test_keys_are_compared_with_those_of_the_authors() -> None:
     true = {"wide": np.tile([1.0, 0, 0], (4, 1)), "deep": np.tile([0, 0, 2.0], (4, 1)), "still": np.zeros((4, 3))}
-    found = outfits.key_figures({**true, "wide": 0.5 * true["wide"], "deep": -true["deep"]}, true, frozenset({"wide"}))
+    found = table.key_figures({**true, "wide": 0.5 * true["wide"], "deep": -true["deep"]}, true, frozenset({"wide"}))
     assert found == pytest.approx({"cosine": 1, "key error": 0.5, "other key error": 2})
 
 
@@ -93,12 +93,12 @@ def test_each_method_has_a_row(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) 
     normals = source.working.vertex_normals[source.working.vertex_of]
     shirt = Surface(source.vertices + 0.03 * normals, source.triangles[:900])
     case = Case(SAME, "one", source, target, {"shirt": shirt}, 0.01, {"shirt": shirt.vertices})
-    monkeypatch.setattr(outfits, "cases", lambda data, most: iter([case]))
+    monkeypatch.setattr(table, "cases", lambda data, most: iter([case]))
     monkeypatch.setattr(pictures, "SQUARE", 32)
     monkeypatch.setattr(pictures, "SAMPLES", 1)
-    tables = outfits.run(tmp_path, None, tmp_path / "pictures")
+    tables = table.run(tmp_path, None, tmp_path / "pictures")
     by = {row["way"]: row for row in tables["rows"]}
-    assert list(by) == [*WAYS, outfits.TRUE]
+    assert list(by) == [*WAYS, TRUE]
     assert len(tables[NOT_SHOWN]) == len(by)
     assert (tmp_path / "pictures" / "one.png").is_file()
 
@@ -122,9 +122,9 @@ def test_the_set_of_clothes_is_read_with_keys_bones_and_poses(wardrobe: Path) ->
 
 
 def test_garments_are_measured_in_poses_with_keys_and_bones(wardrobe: Path) -> None:
-    rows = {row["way"]: row for row in outfits.run(wardrobe, 1)["rows"] if row["kind"] == STRICT}
-    assert set(rows) == {*WAYS, BY_TRUE_MAP, outfits.TRUE}
-    truth = rows[outfits.TRUE]
+    rows = {row["way"]: row for row in table.run(wardrobe, 1)["rows"] if row["kind"] == STRICT}
+    assert set(rows) == {*WAYS, BY_TRUE_MAP, TRUE}
+    truth = rows[TRUE]
     for name in ("error", "in skin", "posed in skin", "posed stretched", "posed torn", "key error", "bones"):
         assert truth[name] == 0
     assert truth["keyed in skin"] == rows["dress"]["keyed in skin"] == 0
@@ -138,10 +138,10 @@ def test_garments_are_measured_in_poses_with_keys_and_bones(wardrobe: Path) -> N
 
 def test_done_cases_of_the_same_code_are_not_computed_again(wardrobe: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     done = wardrobe / "records.jsonl"
-    first = outfits.run(wardrobe, None, kinds=[STRICT], ways=["dress"], records=done)
+    first = table.run(wardrobe, None, kinds=[STRICT], ways=["dress"], records=done)
     assert {(row["kind"], row["way"]) for row in first[NOT_SHOWN]} == {(STRICT, "dress")}
-    monkeypatch.setattr(outfits.zo, "match", lambda *_: pytest.fail("a case was computed again"))
-    assert outfits.run(wardrobe, None, kinds=[STRICT], ways=["dress"], records=done) == first
+    monkeypatch.setattr(table.zo, "match", lambda *_: pytest.fail("a case was computed again"))
+    assert table.run(wardrobe, None, kinds=[STRICT], ways=["dress"], records=done) == first
 
 
 def arms_of(wardrobe: Path) -> None:

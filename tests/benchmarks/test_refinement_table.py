@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 import zoomout_core as zo
 from benchmarks import datasets
 from benchmarks.__main__ import main
-from benchmarks.paper import refinement, starts
+from benchmarks.paper import refinement, refinement_methods, refinement_settings, starts
 
 pytestmark = pytest.mark.slow
 
@@ -28,8 +28,8 @@ QUICK = ("initial", "ICP")
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """The fast methods, with few functions."""
     monkeypatch.setattr(refinement, "METHODS", {name: refinement.METHODS[name] for name in QUICK})
-    monkeypatch.setattr(refinement, "K_FINAL", 30)
-    monkeypatch.setattr(refinement, "K_FIXED", 20)
+    monkeypatch.setattr(refinement_methods, "K_FINAL", 30)
+    monkeypatch.setattr(refinement_methods, "K_FIXED", 20)
     monkeypatch.setattr(datasets, "MAX_PLACES", 100)
 
 
@@ -50,7 +50,7 @@ def sets(data: Path, tmp_path: Path) -> Path:
 def test_each_kind_of_set_has_a_table_of_all_methods(sets: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with np.load(sets / "nonisometric_creatures" / "map_WKSini_direct.npz") as maps:
         fits = [maps["a__b"], maps["b__a"]]
-    monkeypatch.setattr(refinement, "from_signatures", lambda *_: fits.pop(0))
+    monkeypatch.setattr(refinement_settings, "from_signatures", lambda *_: fits.pop(0))
     tables = refinement.run(sets, 1, None)
     near, far = tables["rows"], tables["not isometric"]
     flipped = "faust_of_creatures, flipped edges, 2 landmarks"
@@ -63,8 +63,8 @@ def test_each_kind_of_set_has_a_table_of_all_methods(sets: Path, monkeypatch: py
     for row in (near[0], far[0]):
         assert row["mean"] < 20
         assert row["failed %"] == 0
-    assert near[1]["published mean"] == refinement.PUBLISHED["ICP"][0]
-    assert near[3]["published mean"] == refinement.PUBLISHED_FLIPPED["ICP"][0]
+    assert near[1]["published mean"] == refinement_settings.PUBLISHED["ICP"][0]
+    assert near[3]["published mean"] == refinement_settings.PUBLISHED_FLIPPED["ICP"][0]
     assert far[1]["published mean"] is None
     assert far[1]["seconds"] > 0
     assert far[0]["seconds"] is None
@@ -87,7 +87,7 @@ def test_different_meshings_start_from_shot(tmp_path: Path, monkeypatch: pytest.
         ("iso_a", "dense_b"),
         ("dense_b", "iso_a"),
     }
-    assert tables["rows"][0]["published mean"] == refinement.PUBLISHED_RESAMPLED["initial"][0]
+    assert tables["rows"][0]["published mean"] == refinement_settings.PUBLISHED_RESAMPLED["initial"][0]
     assert tables["rows"][0]["mean"] < 200
     image = matplotlib.image.imread(tmp_path / "curves.png")[:, :, :3]
     assert 100 < (np.ptp(image, axis=2) > 0.3).sum() < 0.2 * image[:, :, 0].size

@@ -12,7 +12,7 @@ import pytest
 
 from benchmarks import datasets
 from benchmarks.paper import page as paper
-from benchmarks.paper import refinement
+from benchmarks.paper import refinement, refinement_methods, refinement_settings
 from benchmarks.stored import read, read_or_compute, storing
 from benchmarks.tables import Record, Tables
 
@@ -79,16 +79,16 @@ def test_shrec19_starts_from_landmarks(data: Path, tmp_path: Path, monkeypatch: 
     shutil.copytree(data / "creatures", tmp_path / "shrec19_r")
     shutil.copytree(data / "creatures", tmp_path / "others")
     monkeypatch.setattr(refinement, "METHODS", {"initial": refinement.METHODS["initial"]})
-    monkeypatch.setattr(refinement, "K_FINAL", 10)
+    monkeypatch.setattr(refinement_methods, "K_FINAL", 10)
     monkeypatch.setattr(datasets, "MAX_PLACES", 50)
     with np.load(data / "creatures" / "map_ini_direct.npz") as maps:
         there = maps["a__b"]
-    monkeypatch.setattr(refinement, "K_SIGNATURES", 10)
-    monkeypatch.setattr(refinement, "from_landmarks", lambda *_: there)
+    monkeypatch.setattr(refinement_settings, "K_SIGNATURES", 10)
+    monkeypatch.setattr(refinement_settings, "from_landmarks", lambda *_: there)
     with storing(tmp_path / "records.jsonl", []):
         (row,) = refinement.run_shrec19(tmp_path, 1, None)["rows"]
     assert (row["set"], row["method"], row["pairs"]) == ("shrec19_r", "initial", 1)
-    assert row["published mean"] == refinement.SHREC19["initial"][0]
+    assert row["published mean"] == refinement_settings.SHREC19["initial"][0]
     assert row["mean"] < 30
     with storing(tmp_path / "records.jsonl", []) as store:
         refinement.run_shrec19(tmp_path, 1, None)

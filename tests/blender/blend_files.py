@@ -7,7 +7,7 @@ from rigged import pose_target, source_and_rig
 from scenes import activate, add_uv_map, ellipsoid, new_material, positions
 
 import zoomout_core as zo
-from blender_addon.services.carry import read_file
+from blender_addon.services.transfer_files import read_file
 from blender_addon.storage import stored_match
 from zoomout_core.geometry.closest_points import closest_points
 

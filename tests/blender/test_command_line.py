@@ -24,7 +24,8 @@ from scenes import (
 import zoomout_core as zo
 from blender_addon import cli
 from blender_addon.cli import command
-from blender_addon.cli.arguments import as_in_sidebar, parse
+from blender_addon.cli.arguments import parse
+from blender_addon.cli.property_arguments import as_in_sidebar
 from blender_addon.properties.match import MatchOptions
 from blender_addon.properties.transfer import BindChoice, BindOptions, BlendOptions
 from blender_addon.properties.wrap import WrapOptions

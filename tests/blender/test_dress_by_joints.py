@@ -37,9 +37,9 @@ def bone_of(part):
     return SIDES[side] + BONES[limb]
 
 
-def rigged_mannequin(name, build, seed=0):
+def rigged_mannequin(name, build, seed=0, without=()):
     """A mannequin of a build with its own armature, and the part of each vertex."""
-    made = mannequin(seed=seed, build=tuple(build))
+    made = mannequin(seed=seed, build=tuple(build), without=without)
     body, armature = mesh_object(name, made.surface), link(f"{name} Rig", bpy.data.armatures.new(name))
     activate(armature)
     bpy.ops.object.mode_set(mode="EDIT")
@@ -60,18 +60,24 @@ def bind(obj, armature):
     bpy.context.view_layer.update()
 
 
+def cloth_around(name, part, armature):
+    """Cloth around a part of a mannequin at rest, bound to its bone."""
+    whole = mannequin()
+    chosen = whole.part == part
+    middle = whole.surface.vertices[chosen].mean(axis=0)
+    triangles = whole.surface.triangles[chosen[whole.surface.triangles].all(axis=1)]
+    places = middle + 1.1 * (whole.surface.vertices[chosen] - middle)
+    cloth = mesh_object(name, zo.Surface(places, (np.cumsum(chosen) - 1)[triangles]))
+    set_weights(cloth, bone_of(part), np.ones(chosen.sum()))
+    bind(cloth, armature)
+    return cloth
+
+
 @pytest.fixture
 def bodies():
     """A body with a garter on the left thigh, another one, and a match that exchanges its sides."""
-    source, armature, part = rigged_mannequin("Source", np.ones(3))
-    surface = mannequin().surface
-    chosen = part == "thigh.L"
-    middle = surface.vertices[chosen].mean(axis=0)
-    triangles = surface.triangles[chosen[surface.triangles].all(axis=1)]
-    number = np.cumsum(chosen) - 1
-    garter = mesh_object("Garter", zo.Surface(middle + 1.1 * (surface.vertices[chosen] - middle), number[triangles]))
-    set_weights(garter, bone_of("thigh.L"), np.ones(chosen.sum()))
-    bind(garter, armature)
+    source, armature, _ = rigged_mannequin("Source", np.ones(3))
+    garter = cloth_around("Garter", "thigh.L", armature)
     target, _, _ = rigged_mannequin("Target", BUILD, seed=3)
     pair = jobs.run(read_pair(bpy.context, "Source", "Target"))
     mirrored = pair.target.vertices / BUILD * [-1, 1, 1]
@@ -130,3 +136,23 @@ def test_only_joints_save_a_new_match_that_is_probably_wrong(bodies, is_humanoid
         api.dress(bpy.context, source, target, [garter])
     assert "Garter" in bpy.data.objects
     assert len([obj for obj in bpy.data.objects if obj.type == "MESH"]) == 3
+
+
+def test_bones_place_clothes_without_skin_below_them():
+    """Legs of trousers follow the target's legs, though the source has none."""
+    legs = "thigh.L", "thigh.R", "shin.L", "shin.R"
+    source, armature, _ = rigged_mannequin("Source", np.ones(3), without=legs)
+    clothes = [cloth_around(f"Cloth {part}", part, armature) for part in legs]
+    target, _, of_target = rigged_mannequin("Target", BUILD, seed=3)
+    pair = jobs.run(read_pair(bpy.context, "Source", "Target"))
+    nearest = closest_points(pair.target.vertices / BUILD, pair.source.vertices, pair.source.triangles)
+    stored_match.write(target.data, wrong_match(zo.SurfaceMap(*nearest, pair.source.triangles), AMBER), pair, {})
+    report = api.dress(bpy.context, source, target, clothes)
+    assert report["verdict"]["level"] == AMBER
+    assert any("of the clothes have no skin below them" in note for note in report["notes"])
+    for part in legs:
+        copy = bpy.data.objects[report["objects"][f"Cloth {part}"]]
+        off = positions(copy.data).mean(axis=0) - positions(target.data)[of_target == part].mean(axis=0)
+        assert np.linalg.norm(off) < 0.05
+        bound = [copy.vertex_groups[group.group].name for vertex in copy.data.vertices for group in vertex.groups]
+        assert bone_of(part) in bound

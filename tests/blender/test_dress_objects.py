@@ -15,7 +15,7 @@ from blender_addon.mesh_data import groups_to_keep
 from blender_addon.scene.selection import chosen_targets, source_name
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.geometry.procrustes import procrustes
-from zoomout_core.transfer.dressing import dress
+from zoomout_core.transfer.dressing import fitted_object
 
 RADIUS_OF_SLEEVE = 1.12
 
@@ -94,8 +94,8 @@ def test_stretched_copies_are_named(source, monkeypatch):
     target, _ = pose_target(body, armature)
     cloth = sleeve(armature)
     assert not any("stretched" in note for note in api.dress(bpy.context, body, target, [cloth])["notes"])
-    monkeypatch.setattr(dress, "STRETCHED", 1.0)
-    monkeypatch.setattr(dress, "MIN_LENGTH", 0.0)
+    monkeypatch.setattr(fitted_object, "STRETCHED", 1.0)
+    monkeypatch.setattr(fitted_object, "MIN_LENGTH", 0.0)
     report = api.dress(bpy.context, body, target, [cloth])
     assert any("vertices of 'Sleeve' stretch far more than the body" in note for note in report["notes"])
 

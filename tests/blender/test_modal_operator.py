@@ -68,7 +68,7 @@ class Work:
 
 @pytest.fixture
 def window(monkeypatch):
-    jobs.run(services.load())  # else the first slice of work waits for it
+    jobs.run(services.load())  # otherwise the first slice of work waits for it
     monkeypatch.setattr(
         "blender_addon.operators.base.modal_operator.bpy", SimpleNamespace(app=SimpleNamespace(background=False))
     )

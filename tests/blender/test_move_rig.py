@@ -364,3 +364,17 @@ def test_a_failure_leaves_no_armature(monkeypatch):
     with pytest.raises(RuntimeError):
         move(source, target, shape="keep_shape")
     assert (set(bpy.data.armatures), set(bpy.data.objects)) == before
+
+
+@pytest.mark.parametrize("elsewhere", [True, False])
+def test_an_armature_outside_the_scene_is_named(elsewhere):
+    source, armature = source_and_rig()
+    target, _ = other_build()
+    if elsewhere:
+        bpy.data.scenes.new("Other").collection.objects.link(armature)
+    bpy.context.scene.collection.objects.unlink(armature)
+    before = snapshot(target)
+    for call in (api.move_rig, api.bind_to_rig):
+        with pytest.raises(zo.MeshError, match="The armature 'Rig' of 'Source' is not in this scene: link it"):
+            call(bpy.context, source, target)
+    assert snapshot(target) == before

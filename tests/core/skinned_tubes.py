@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pygltflib as gltf
 
-from zoomout_core.mesh.formats.gltf_document import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, Buffer
+from zoomout_core.mesh.formats.gltf_buffer import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, Buffer
 from zoomout_core.samples.grids import grid_faces, triangles_of
 
 RINGS, SIDES, LENGTH = 13, 12, 4.0

@@ -267,3 +267,9 @@ def test_something_else_than_a_mesh_set_is_refused(name, given):
 def test_callback_that_cannot_be_called_is_refused(pair, name):
     with pytest.raises(TypeError, match=r"^callback is 3: give a function that takes a fraction and a text\.$"):
         apply_filter(pair, name, callback=3)
+
+
+@pytest.mark.parametrize("name", ["meshing_decimation_quadric_edge_collapse", "generate_sampling_montecarlo"])
+def test_negative_counts_are_refused_before_meshlab_crashes_on_them(pair, name):
+    parameter = {"meshing_decimation_quadric_edge_collapse": "targetfacenum"}.get(name, "samplenum")
+    check_refusal(pair, f"'{parameter}' is -5: give a whole number that is not negative", name, **{parameter: -5})

@@ -11,6 +11,7 @@ from creature import SOURCE_POSE, TARGET_POSE, creature
 
 from meshlab_filter.commands import main
 from meshlab_filter.script import read_script, run_script
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.ply_files import ply_columns
 
 pytestmark = pytest.mark.usefixtures("remember_matches")
@@ -241,3 +242,24 @@ def test_missing_output_folder_is_reported(meshes, tmp_path):
     ran = CliRunner().invoke(main, ["run", str(path), *map(str, meshes), "-o", str(tmp_path / "nowhere" / "a.ply")])
     assert ran.exit_code == 1
     assert "no folder" in ran.output
+
+
+@pytest.mark.parametrize(
+    ("name", "parameter"),
+    [
+        ("meshing_decimation_quadric_edge_collapse", "targetfacenum"),
+        ("Simplification: Quadric Edge Collapse Decimation", "TargetFaceNum"),
+    ],
+)
+def test_negative_counts_in_scripts_are_refused_before_meshlab_crashes_on_them(meshes, tmp_path, name, parameter):
+    path = script(tmp_path, f'<filter name="{name}">\n{param(parameter, "RichInt", -5)}</filter>')
+    with pytest.raises(MeshError, match=f"'{parameter}' is -5: give a whole number that is not negative"):
+        run_script(loaded(meshes[1:]), path)
+
+
+@pytest.mark.parametrize("output", ["out.xyzzy", "out"])
+def test_an_unknown_format_is_named_with_the_output(meshes, tmp_path, output):
+    path = script(tmp_path, '<filter name="meshing_invert_face_orientation"/>')
+    ran = CliRunner().invoke(main, ["run", str(path), str(meshes[1]), "-o", str(tmp_path / output)])
+    assert ran.exit_code == 1
+    assert f"MeshLab cannot write the format of {tmp_path / output}: choose another, such as .ply." in ran.output

@@ -288,3 +288,14 @@ def test_ctrl_c_ends_watch_with_one_line(tmp_path):
             process.kill()
     assert process.returncode == 130
     assert said.strip() == f"No longer watching {tmp_path}: 0 files were worked on."
+
+
+def test_a_single_check_reports_a_project_whose_mesh_is_missing(tmp_path):
+    (tmp_path / "incomplete.mlp").write_text(
+        '<MeshLabProject><MeshGroup><MLMesh label="a" filename="gone.ply"/><MLMesh label="b" filename="b.ply"/>'
+        "</MeshGroup></MeshLabProject>"
+    )
+    ran = run("watch", tmp_path, "--once", "--interval", 0.1)
+    assert ran.exit_code == 1
+    assert "incomplete.mlp: failed. " in ran.output
+    assert "gone.ply" in ran.output

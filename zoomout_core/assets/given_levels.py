@@ -15,10 +15,10 @@ from scipy.sparse import coo_array, csr_array
 
 from zoomout_core.arrays import Integers, row_norms
 from zoomout_core.assets.asset import UV, Asset, at_rest, in_pose_of, layers_of, on_corners
+from zoomout_core.assets.bind_asset import skin_weights
 from zoomout_core.assets.facing_normals import faces_away, turn_to_faces
 from zoomout_core.assets.fit_level import Places, closest_facing, fit_weights
 from zoomout_core.assets.level import FITTED, Level, Poses, errors_of_level, merge_places, points_in_poses
-from zoomout_core.assets.transfer_asset import skin_weights
 from zoomout_core.geometry.closest_points import SurfaceSearch
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.errors import MeshError

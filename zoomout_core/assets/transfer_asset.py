@@ -9,38 +9,24 @@ from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.sparse import csr_array
-from scipy.spatial import cKDTree
 
 from zoomout_core.assets.add_joints import add_joints
-from zoomout_core.assets.asset import COLOR, MATERIALS, NORMALS, SHAPE_KEYS, UV, WEIGHTS, Asset, Skin, kind_of, to_rest
-from zoomout_core.assets.check_rig import check_rig
-from zoomout_core.assets.gltf.move_skin import move_skin
+from zoomout_core.assets.asset import COLOR, MATERIALS, NORMALS, SHAPE_KEYS, UV, WEIGHTS, Asset, Skin, kind_of
+from zoomout_core.assets.bind_asset import Binding, bind_to_joints, skin_weights
 from zoomout_core.assets.keep_rest import keep_rest
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.mesh.affine_maps import normalise
 from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.memory import memory_in_words
 from zoomout_core.messages import enumeration, message, plural
 from zoomout_core.runtime.option_names import suggest_names
 from zoomout_core.runtime.progress import advance, portion, stage
 from zoomout_core.runtime.threads import on_one_blas_thread
-from zoomout_core.transfer.attribute import Attribute, Domain, Kind
+from zoomout_core.transfer.attribute import Attribute
 from zoomout_core.transfer.blend import mask_of
 from zoomout_core.transfer.blend_settings import Blend
 from zoomout_core.transfer.mapped_target import MappedTarget
-from zoomout_core.transfer.rigging.motion import MotionCheck, note_on_motions
-from zoomout_core.transfer.rigging.rest_pose import (
-    PosedTarget,
-    align,
-    correct_by_bones,
-    correct_map,
-    find_pose,
-    is_in_place,
-)
-from zoomout_core.transfer.rigging.rig import note_on_idle_joints
-from zoomout_core.transfer.rigging.skinning import skinning_matrices
-from zoomout_core.transfer.rigging.unpose import Rest, unpose
+from zoomout_core.transfer.rigging.motion import MotionCheck
+from zoomout_core.transfer.rigging.rest_pose import PosedTarget, correct_by_bones, correct_map, find_pose, is_in_place
 from zoomout_core.transfer.rules import Match, map_target, transfer_along
 
 # Kinds of data that can be transferred, in this order.
@@ -175,17 +161,9 @@ def transfer_asset(
             notes += of_joints
     elif skin is not None:
         with stage("Binding to the joints", TRANSFERRED, 1.0):
-            own, at_rest, of_binding = _bind(skin, mapped, posed, shape, max_weights)
-            document = source.document
-            if move_rig:
-                own, document = move_skin(source, own, at_rest)
-        look = document if asset.look is source.document else asset.look
-        asset = replace(asset, skin=own, document=document, nodes=(), look=look)
-        notes += of_binding
-        if move_rig:
-            notes += note_on_idle_joints(skin.names, skin.weights, own.weights)
-            motions = check_rig(source, asset, at_rest.surface_map)
-            notes += note_on_motions(motions)
+            binding = Binding(shape, max_weights, move_rig)
+            asset, motions, of_binding = bind_to_joints(asset, source, skin, mapped, posed, binding)
+            notes += of_binding
     advance(1.0)
     return TransferredAsset(asset, names, tuple(notes), motions, corrected)
 
@@ -324,43 +302,3 @@ def _note_on_replaced(target: Asset, kinds: Collection[str], with_joints: bool) 
         ]
     own = [each for each in counts if each.values["count"]]
     return [message("The target's own {things} were replaced.", things=enumeration(own))] if own else []
-
-
-def _bind(
-    skin: Skin, mapped: MappedTarget, posed: PosedTarget | None, shape: str, limit: int | None
-) -> tuple[Skin, MappedTarget, list[str]]:
-    """The skin of the target, with its rest pose, the target over the source at rest, and notes.
-
-    The pose of the target is None if it is that of the source.
-    """
-    target, at_rest, notes = mapped.target, mapped, list[str]()
-    if posed is None:
-        weights = skin_weights(skin, mapped, limit)
-        rest = Rest(*to_rest(target.vertices, weights, skin.transforms), 0)
-    else:
-        at_rest, weights, pose = posed.mapped, skin_weights(skin, posed.mapped, limit), posed.pose
-        if shape == "keep shape" or (shape == "automatic" and pose.is_rest):
-            rest = align(target, pose)
-        else:
-            matrices = skinning_matrices(pose.transforms, weights)
-            rest = unpose(target, matrices, pose.scale, posed.mapped.confidence)
-            notes.append(
-                f"The target was in a different pose, with its joints rotated by {pose.bend:.0f}° on average, and "
-                "was moved to the rest pose. If it was at rest, transfer again with --shape keep-shape."
-            )
-    return replace(skin, rest=rest.positions, linear=rest.linear, weights=weights), at_rest, notes
-
-
-def skin_weights(skin: Skin, mapped: MappedTarget, limit: int | None = None) -> csr_array:
-    """(n_t, b) weights that sum to one; a vertex without any takes those of the nearest vertex with some.
-
-    At most `limit` joints have weights at a vertex, see `mix_weights`.
-    """
-    attribute = Attribute(WEIGHTS, Domain.POINT, Kind.WEIGHT, skin.weights, skin.names)
-    weights = csr_array(transfer_along(attribute, mapped, limit=limit).values)
-    without = np.diff(weights.indptr) == 0
-    if without.any():
-        places = mapped.target.vertices
-        nearest = cKDTree(places[~without]).query(places)[1]
-        weights = csr_array(weights[np.where(without, np.flatnonzero(~without)[nearest], np.arange(len(places)))])
-    return normalise(weights)

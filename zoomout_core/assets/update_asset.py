@@ -17,9 +17,10 @@ from scipy.sparse import csr_array, diags_array
 
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.assets.asset import MATERIALS, SHAPE_KEYS, WEIGHTS, Asset, at_rest, kind_of
+from zoomout_core.assets.bind_asset import skin_weights
 from zoomout_core.assets.given_levels import refit_weights
 from zoomout_core.assets.stored_map import MapOfSource, digest_of, follow_triangles, same_triangles
-from zoomout_core.assets.transfer_asset import KINDS, TransferredAsset, skin_weights, transfer_asset
+from zoomout_core.assets.transfer_asset import KINDS, TransferredAsset, transfer_asset
 from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.messages import enumeration, message

@@ -21,8 +21,6 @@ from zoomout_core.assets.transfer_asset import KINDS
 from zoomout_core.batch import FAILED, PARTLY
 from zoomout_core.cli.report import json_option
 from zoomout_core.cli.transfer_command import check_kinds, check_moved_rig, check_source
-from zoomout_core.collection.carried import CARRIED, Carried
-from zoomout_core.collection.carry import carry
 from zoomout_core.collection.collection import CollectionResult, match_collection
 from zoomout_core.collection.dask_engine import has_dask, local_engine, remote_engine
 from zoomout_core.collection.engine import Engine, InThisProcess
@@ -32,7 +30,18 @@ from zoomout_core.collection.report import PAGE, REPORT, figures_of_collection, 
 from zoomout_core.collection.shapes import items_of
 from zoomout_core.collection.tasks import MAPS, MESHES, SHAPES
 from zoomout_core.collection.through_blender import SURFACES, is_of_blender, surfaces_of
-from zoomout_core.command_options import OptionError, detail_options, progress_bar, table_option, tell
+from zoomout_core.collection.transfer_records import TRANSFER_RECORDS, TransferOutcome
+from zoomout_core.collection.transfer_template import transfer_template
+from zoomout_core.command_options import (
+    FilePath,
+    OptionError,
+    check_cache,
+    detail_options,
+    progress_bar,
+    refusals,
+    table_option,
+    tell,
+)
 from zoomout_core.matching.option_table import OPTIONS
 from zoomout_core.matching.options import MatchOptions
 from zoomout_core.matching.preparation.disk_cache import remove_shapes
@@ -42,7 +51,7 @@ from zoomout_core.mesh.formats.blender_files import ENDINGS as OF_BLENDER
 from zoomout_core.mesh.formats.blender_files import PROGRAM, blender_command
 from zoomout_core.mesh.formats.folders import meshes_of_all
 from zoomout_core.runtime.extras import install_hint
-from zoomout_core.runtime.outputs import check_inputs_outside, check_output, is_same_file
+from zoomout_core.runtime.outputs import check_inputs_outside, check_results_folder, is_same_file
 from zoomout_core.runtime.progress import portion
 from zoomout_core.runtime.threads import usable_cores
 
@@ -51,7 +60,7 @@ NEIGHBOURS = 4
 # Folder in the results that exists until all is done.
 CACHE = "cache"
 # Places in the results that a run replaces.
-REPLACED = REPORT, PAGE, MAPS, SHAPES, MESHES, SURFACES, CARRIED, CACHE
+REPLACED = REPORT, PAGE, MAPS, SHAPES, MESHES, SURFACES, TRANSFER_RECORDS, CACHE
 # Fractions of the progress at the end of matching and of drawing.
 MATCHED, DRAWN = 0.9, 0.95
 
@@ -81,12 +90,12 @@ class _Choices:
 
 
 @click.command()
-@click.argument("shapes", metavar="FOLDER...", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="The folder for the results.")
-@click.option("--template", type=click.Path(path_type=Path), help="The file that is the source of all other shapes.")
+@click.argument("shapes", metavar="FOLDER...", nargs=-1, required=True, type=FilePath(path_type=Path))
+@click.option("-o", "--output", required=True, type=FilePath(path_type=Path), help="The folder for the results.")
+@click.option("--template", type=FilePath(path_type=Path), help="The file that is the source of all other shapes.")
 @click.option("--all-pairs", is_flag=True, help="Match every two shapes.")
 @click.option(
-    "--pairs", type=click.Path(path_type=Path), help="A text file of pairs, with a source and a target per line."
+    "--pairs", type=FilePath(path_type=Path), help="A text file of pairs, with a source and a target per line."
 )
 @click.option(
     "--neighbours",
@@ -144,7 +153,7 @@ class _Choices:
 @table_option(OPTIONS["partial"])
 @click.option(
     "--cache",
-    type=click.Path(path_type=Path),
+    type=FilePath(path_type=Path),
     help="Folder in which all workers cache preprocessed shapes (default: OUTPUT/cache, deleted at the end).",
 )
 @json_option
@@ -164,10 +173,8 @@ def collection(shapes: tuple[Path, ...], output: Path, as_json: bool, **options:
     """
     names = [field.name for field in fields(_Choices)]
     choices = _Choices(**{name: options.pop(name) for name in names})  # the others are those of `detail_options`
-    try:
+    with refusals():
         result, received = _run(shapes, output, choices, options)
-    except (ValueError, OSError, ImportError) as error:
-        raise click.ClickException(str(error)) from None
     if as_json:
         click.echo(json.dumps(figures_of_collection(result, received), indent=1))
     else:
@@ -182,7 +189,7 @@ def collection(shapes: tuple[Path, ...], output: Path, as_json: bool, **options:
 
 def _run(
     shapes: tuple[Path, ...], output: Path, choices: _Choices, accuracy: dict[str, Any]
-) -> tuple[CollectionResult, dict[str, Carried] | None]:
+) -> tuple[CollectionResult, dict[str, TransferOutcome] | None]:
     """Check the inputs, then match, transfer, draw, and write the report.
 
     Raises:
@@ -191,9 +198,9 @@ def _run(
     """
     template, pairs = choices.template, choices.pairs
     _check_choices(choices)
-    if output.is_file():
-        raise MeshError(f"{output} is a file: name a folder for the results.")
-    check_output(output / REPORT if output.is_dir() else output)
+    check_results_folder(output, REPLACED)
+    if choices.cache is not None:
+        check_cache(choices.cache)
     kinds = check_kinds(choices.kinds)
     files = meshes_of_all(shapes, ENDINGS)
     check_inputs_outside(inputs_of(*files, *filter(None, (template, pairs))), output, REPLACED)
@@ -248,7 +255,7 @@ def _check_choices(choices: _Choices) -> None:
 def _forget(output: Path, names: Sequence[str]) -> None:
     """Remove the results of an earlier run on shapes with these names, and nothing else."""
     for name in names:
-        for made in (output / SHAPES / f"{name}.npz", output / CARRIED / f"{name}.json"):
+        for made in (output / SHAPES / f"{name}.npz", output / TRANSFER_RECORDS / f"{name}.json"):
             made.unlink(missing_ok=True)
         for other in names:
             (output / MAPS / name / f"{other}.npz").unlink(missing_ok=True)
@@ -294,7 +301,7 @@ def _engine(choices: _Choices, count: int) -> AbstractContextManager[Engine]:
 
 def _match_all(
     files: Sequence[Path], output: Path, how: dict[str, Any], choices: _Choices, kinds: Sequence[str]
-) -> tuple[CollectionResult, dict[str, Carried] | None]:
+) -> tuple[CollectionResult, dict[str, TransferOutcome] | None]:
     """Match, transfer, draw, and write the report."""
     with portion(0.0, MATCHED):
         result = match_collection(files, output, **how)
@@ -306,7 +313,7 @@ def _match_all(
 
 def _complete(
     result: CollectionResult, output: Path, engine: Engine, choices: _Choices, kinds: Sequence[str]
-) -> dict[str, Carried] | None:
+) -> dict[str, TransferOutcome] | None:
     """Transfer, draw and write the report; returns the notes of a transfer on each target."""
     received, drawn, named = None, {}, choices.template
     template = next((each.name for each in result.items.values() if named and is_same_file(each.file, named)), None)
@@ -314,7 +321,7 @@ def _complete(
     engine = engine if engine.sees([output]) else InThisProcess()
     if choices.transfers and template is not None and choices.ending is not None:
         with portion(MATCHED, DRAWN):
-            received = carry(
+            received = transfer_template(
                 result, template, kinds, choices.ending, engine, choices.blender, choices.force, choices.move_rig
             )
     if choices.pictures and find_spec("matplotlib"):

@@ -8,13 +8,13 @@ from pathlib import Path
 import click
 
 from zoomout_core.cli.report import json_option, say
-from zoomout_core.mesh.errors import MeshError
+from zoomout_core.command_options import FilePath, refusals
 from zoomout_core.mesh.formats.blender_files import extension_module
 
 
 @click.command()
 @click.option(
-    "-o", "--output", default="demo", show_default=True, type=click.Path(file_okay=False), help="Folder to write to."
+    "-o", "--output", default="demo", show_default=True, type=FilePath(file_okay=False), help="Folder to write to."
 )
 @json_option
 def demo(output: str, as_json: bool) -> None:
@@ -26,8 +26,6 @@ def demo(output: str, as_json: bool) -> None:
     if extension is None:
         raise click.ClickException("The demo needs the project's source and Blender as a module: run `make demo`.")
     module = extension.load()
-    try:
+    with refusals():
         report = module.run(Path(output))
-    except (MeshError, OSError) as error:
-        raise click.ClickException(str(error)) from None
     say(module.summary(report), report, as_json)

@@ -9,7 +9,7 @@ import click
 import numpy as np
 
 from zoomout_core.cli.report import json_option, say, spread_in_words, spread_of
-from zoomout_core.command_options import InputFile
+from zoomout_core.command_options import FilePath, InputFile, refusals
 from zoomout_core.evaluation import coverage, edge_distortion, flipped_share, geodesic_error
 from zoomout_core.map_files import read_surface_map
 from zoomout_core.maps.surface_map import SurfaceMap
@@ -23,8 +23,8 @@ from zoomout_core.text_arguments import read_truth
 
 @click.command()
 @click.argument("map_file", metavar="MAP", type=InputFile())
-@click.argument("source", type=click.Path())
-@click.argument("target", type=click.Path())
+@click.argument("source", type=FilePath())
+@click.argument("target", type=FilePath())
 @click.option(
     "--truth",
     type=InputFile(),
@@ -42,7 +42,7 @@ def evaluate(map_file: str, source: str, target: str, truth: str | None, reverse
     MAP is a file that `zoomout match SOURCE TARGET` wrote. Its error is measured with --truth, along the surface, in
     thousandths of the square root of its area.
     """
-    try:
+    with refusals():
         surfaces = as_surface(read_shape(source)), as_surface(read_shape(target))
         surface_map = read_surface_map(map_file, *surfaces)
         lines, figures = ([], {}) if truth is None else _errors(surface_map, *surfaces, truth)
@@ -59,8 +59,6 @@ def evaluate(map_file: str, source: str, target: str, truth: str | None, reverse
             missed = 1000 * cycle_error(surface_map, back, surfaces[1].vertices) / np.sqrt(surfaces[1].area)
             figures["cycle_error"] = spread = spread_of(missed[np.isfinite(missed)])  # unused vertices have no place
             lines.append(f"Round-trip error at target vertices: {spread_in_words(spread)}.")
-    except (ValueError, OSError, ImportError) as error:
-        raise click.ClickException(str(error)) from None
     say(lines, figures, as_json)
 
 

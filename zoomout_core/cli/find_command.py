@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,17 +16,16 @@ from zoomout_core.batch import FAILED, PARTLY
 from zoomout_core.cli.report import json_option, say
 from zoomout_core.collection.report import PAGE, REPORT
 from zoomout_core.collection.shapes import items_of
-from zoomout_core.command_options import progress_bar
+from zoomout_core.command_options import FilePath, progress_bar, refusals
 from zoomout_core.library.find_all import find_all
 from zoomout_core.library.found import FoundPart, FoundSource, FoundSources
 from zoomout_core.library.library import INDEX, Library, find_source
 from zoomout_core.library.report import figures_of_targets, lines_of_targets, write_reports
 from zoomout_core.library.target_records import MADE, PICTURES, RECORDS
 from zoomout_core.library.transfers import Carry
-from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.folders import meshes_of_all
 from zoomout_core.messages import message, note_figures, note_lines, probability
-from zoomout_core.runtime.outputs import check_inputs_outside, check_output
+from zoomout_core.runtime.outputs import OutputError, check_inputs_outside, check_results_folder
 
 NOT_PREPARED = "Files of the library that are not prepared: {count}; `zoomout library` prepares them or says why not."
 # Places in the results that a run replaces.
@@ -33,24 +33,24 @@ REPLACED = REPORT, PAGE, MADE, PICTURES, RECORDS
 
 
 @click.command()
-@click.argument("targets", metavar="TARGETS...", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.argument("targets", metavar="TARGETS...", nargs=-1, required=True, type=FilePath(path_type=Path))
 @click.option(
     "--library",
     "folders",
     multiple=True,
     required=True,
-    type=click.Path(),
+    type=FilePath(),
     help="A folder that `zoomout library` has prepared. May be repeated.",
 )
 @click.option(
     "--index",
-    type=click.Path(file_okay=False),
+    type=FilePath(file_okay=False),
     help=f"Folder of the index of a single library (default: {INDEX} in it).",
 )
 @click.option(
     "-o",
     "--output",
-    type=click.Path(path_type=Path),
+    type=FilePath(path_type=Path),
     help="The folder for the results; required for several targets.",
 )
 @click.option(
@@ -94,11 +94,11 @@ def find(
     """
     if index is not None and len(folders) > 1:
         raise click.UsageError("--index works with a single library: give one --library, or leave --index out.")
-    if output is None and (transfer or move_rig or len(targets) > 1 or targets[0].is_dir()):
-        raise click.UsageError("Several targets, --transfer and --move-rig need a folder for the results: give -o.")
     if parts and not (transfer or move_rig):
         raise click.UsageError("--parts has nothing to transfer: give --transfer or --move-rig, too.")
-    try:
+    with refusals():
+        if output is None and (transfer or move_rig or len(targets) > 1 or targets[0].is_dir()):
+            raise click.UsageError("Several targets, --transfer and --move-rig need a folder for the results: give -o.")
         libraries = [Library(folder, index) for folder in folders]
         new = sum(len(library.new_files()) for library in libraries)
         notes = [message(NOT_PREPARED, count=new)] if new else []
@@ -108,23 +108,31 @@ def find(
             figures = {"target": str(targets[0]), **_figures(found), **note_figures(notes)}
             say([*_lines(found), *note_lines(notes)], figures, as_json)
             sys.exit(FAILED if found.refusal else 0)
-        if output.is_file():
-            raise MeshError(f"{output} is a file: name a folder for the results.")
-        check_output(output / REPORT if output.is_dir() else output)
+        check_results_folder(output, REPLACED)
         files = meshes_of_all(targets, MESHES)
         check_inputs_outside([*inputs_of(*files), *map(Path, folders)], output, REPLACED)
+        if transfer or move_rig:
+            _check_outside_libraries(output, folders)
         carry = Carry.RIG if move_rig else Carry.DATA if transfer else Carry.NOTHING
         named = {item.name: item.path for item in items_of(files)}
         with progress_bar():
             result = find_all(named, libraries, output, carry, compare=compare, parts=parts, force=force, resume=resume)
         write_reports(result)
-    except (ValueError, OSError, ImportError) as error:
-        raise click.ClickException(str(error)) from None
     lines = [*lines_of_targets(result), *note_lines(notes), f"Written to {output}; open {output / PAGE}."]
     say(lines, {**figures_of_targets(result), **note_figures(notes)}, as_json)
     fitting = [bool(record.source) for record in result.records.values()] + [False] * len(result.failures)
     if not all(fitting):
         sys.exit(PARTLY if any(fitting) else FAILED)
+
+
+def _check_outside_libraries(output: Path, folders: Sequence[str]) -> None:
+    """Raise an OutputError if a library would take the results for its characters."""
+    for folder in folders:
+        if Path(os.path.realpath(output)).is_relative_to(os.path.realpath(folder)):
+            raise OutputError(
+                f"{output} is in the library {folder}, which would take the results for its characters: "
+                "choose another output folder."
+            )
 
 
 def _lines(found: FoundSources) -> list[str]:

@@ -13,21 +13,19 @@ from zoomout_core.assets.asset import MATERIALS, SHAPE_KEYS, Asset
 from zoomout_core.assets.files import read_asset
 from zoomout_core.assets.gltf.avatars import read_avatar
 from zoomout_core.cli.report import json_option, say
-from zoomout_core.command_options import folders_option
+from zoomout_core.command_options import FilePath, folders_option, refusals
 from zoomout_core.mesh.triangles import border_edges
 from zoomout_core.messages import note_figures, note_lines
 
 
 @click.command()
-@click.argument("mesh", type=click.Path())
+@click.argument("mesh", type=FilePath())
 @folders_option
 @json_option
 def info(mesh: str, folders: tuple[str, ...], as_json: bool) -> None:
     """Show the contents of MESH that `zoomout transfer` can read."""
-    try:
+    with refusals():
         asset = read_asset(mesh, folders)
-    except (ValueError, OSError, ImportError) as error:
-        raise click.ClickException(str(error)) from None
     figures = _figures(asset)
     say(_lines(figures), figures, as_json)
 

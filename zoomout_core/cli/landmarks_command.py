@@ -21,7 +21,7 @@ from zoomout_core.batch import (
     run_batch,
 )
 from zoomout_core.cli.report import json_option, match_figures
-from zoomout_core.command_options import batch_options, files_of_options, match_options, start_arguments
+from zoomout_core.command_options import batch_options, files_of_options, match_options, refusals, start_arguments
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.landmark_files import (
     FORMATS,
@@ -122,7 +122,7 @@ def landmarks(
 
     The exit code is 0 if all were written, 1 if none was, and 3 if some were.
     """
-    try:
+    with refusals():
         extension = landmark_ending(positions) if ending is None else f".{ending}"
         jobs = plan(template, targets, output, extension, MESHES, landmark_ending, in_place)
         if not in_place:
@@ -133,8 +133,6 @@ def landmarks(
         outcomes, figures = run_batch(
             template, jobs, partial(_run_job, known, candidate, force, arguments), given, output
         )
-    except (ValueError, OSError, ImportError) as error:
-        raise click.ClickException(str(error)) from None
     report_outcomes(outcomes, figures, output, as_json)
 
 

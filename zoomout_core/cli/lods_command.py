@@ -28,7 +28,15 @@ from zoomout_core.assets.stored_map import stored_map_of
 from zoomout_core.assets.transfer_asset import KINDS
 from zoomout_core.batch import check_folder, is_folder
 from zoomout_core.cli.report import json_option
-from zoomout_core.command_options import OptionError, compress_option, folders_option, progress_bar, tell
+from zoomout_core.command_options import (
+    FilePath,
+    OptionError,
+    compress_option,
+    folders_option,
+    progress_bar,
+    refusals,
+    tell,
+)
 from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.blender_files import ENDINGS as OF_BLENDER
 from zoomout_core.messages import note_figures, note_lines
@@ -38,8 +46,8 @@ RATIOS = "0.5,0.25,0.1"
 
 
 @click.command()
-@click.argument("mesh", metavar="MESH", type=click.Path())
-@click.option("-o", "--output", required=True, type=click.Path(), help="The folder to write the levels to.")
+@click.argument("mesh", metavar="MESH", type=FilePath())
+@click.option("-o", "--output", required=True, type=FilePath(), help="The folder to write the levels to.")
 @click.option(
     "--ratios",
     show_default=RATIOS,
@@ -51,7 +59,7 @@ RATIOS = "0.5,0.25,0.1"
     "given",
     multiple=True,
     metavar="FILE",
-    type=click.Path(),
+    type=FilePath(),
     help="A mesh made by hand to use as a level, instead of simplifying MESH, in its place and rest pose; repeatable.",
 )
 @click.option("--keep-uv", is_flag=True, help="Meshes of --level keep their own texture coordinates if they have any.")
@@ -90,7 +98,7 @@ def lods(
     Meshes of --level receive the same, in order of their triangle counts; their vertices and faces stay.
     The files are named after MESH, with _LOD0 for MESH itself, then _LOD1 and so on.
     """
-    try:
+    with refusals():
         _check_options(ratios, given, keep_uv, keep_map, ending)
         shares = [] if given else _read_ratios(ratios or RATIOS)
         given = tuple(dict.fromkeys(given))
@@ -123,8 +131,6 @@ def lods(
             rows.append(_figures(path, each, levels[number - 1] if number else None, notes))
             if number and names:
                 rows[-1]["made_from"] = names[number - 1]
-    except (ValueError, OSError, ImportError) as error:
-        raise click.ClickException(str(error)) from None
     if as_json:
         click.echo(json.dumps({"mesh": mesh, "levels": rows}, indent=1))
         return

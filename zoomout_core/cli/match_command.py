@@ -14,11 +14,13 @@ from zoomout_core.assets.part_names import parts_of_file
 from zoomout_core.cli.report import json_option, match_figures, match_lines, match_notes, say
 from zoomout_core.command_options import (
     NEAREST,
+    FilePath,
     OptionError,
     files_of_options,
     in_place_option,
     match_options,
     progress_bar,
+    refusals,
     start_arguments,
     table_options,
 )
@@ -40,16 +42,16 @@ from zoomout_core.runtime.progress import Outlines, Progress, listening
 
 
 @click.command()
-@click.argument("source", type=click.Path())
-@click.argument("target", type=click.Path())
-@click.option("-o", "--output", required=True, type=click.Path(dir_okay=False), help="The .npz file to write.")
+@click.argument("source", type=FilePath())
+@click.argument("target", type=FilePath())
+@click.option("-o", "--output", required=True, type=FilePath(dir_okay=False), help="The .npz file to write.")
 @in_place_option
 @partial(match_options, starts=[NEAREST])
 @table_options(option_table.NEAREST)
 @table_options(option_table.RESULT)
 @click.option(
     "--first-look",
-    type=click.Path(dir_okay=False),
+    type=FilePath(dir_okay=False),
     help="An .npz file for rough images of the candidates, written as soon as they are known.",
 )
 @json_option
@@ -74,7 +76,7 @@ def match(
     With --first-look, programs can show the map while it is refined: that file has some vertices of TARGET ("target")
     and, in a row for each candidate, the most likely first, their images on SOURCE ("source").
     """
-    try:
+    with refusals():
         of_nearest = {
             each.name: options.pop(each.name) for each in select_options(option_table.NEAREST, Interface.COMMAND_LINE)
         }
@@ -98,8 +100,6 @@ def match(
             with keep_map(partial(save_match, result), Path(output)):
                 save_match(result, Path(output))
             lines, figures = _summary(result, parts_of_file(source, result.source))
-    except (ValueError, OSError, ImportError) as error:
-        raise click.ClickException(str(error)) from None
     say([*lines, f"Written to {output}"], {"output": output, **figures}, as_json)
 
 

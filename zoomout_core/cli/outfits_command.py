@@ -15,7 +15,7 @@ from zoomout_core.batch import FAILED, PARTLY
 from zoomout_core.cli.report import json_option
 from zoomout_core.collection.dask_engine import has_dask, local_engine
 from zoomout_core.collection.report import PAGE
-from zoomout_core.command_options import compress_option, detail_options, progress_bar, tell
+from zoomout_core.command_options import FilePath, compress_option, detail_options, progress_bar, refusals, tell
 from zoomout_core.matching.options import MatchOptions
 from zoomout_core.matching.presets import resolve_detail
 from zoomout_core.outfits.command import dress_files, find_avatars
@@ -26,9 +26,9 @@ from zoomout_core.translations import ENGLISH, LANGUAGES, user_locale
 
 
 @click.command()
-@click.argument("outfits", type=click.Path(path_type=Path))
-@click.argument("avatars", metavar="AVATARS...", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="The folder for the results.")
+@click.argument("outfits", type=FilePath(path_type=Path))
+@click.argument("avatars", metavar="AVATARS...", nargs=-1, required=True, type=FilePath(path_type=Path))
+@click.option("-o", "--output", required=True, type=FilePath(path_type=Path), help="The folder for the results.")
 @click.option(
     "--body",
     multiple=True,
@@ -100,7 +100,7 @@ def outfits(
 
     The exit code is 0 if all went well, 1 if nothing did, and 3 if some did.
     """
-    try:
+    with refusals():
         dressed, naked = find_avatars(outfits, avatars, output, ENDINGS)
         if workers is None:
             workers = min(usable_cores(), len(dressed) + len(naked)) if has_dask() else 1
@@ -110,8 +110,6 @@ def outfits(
             locale = user_locale() if language is None else language
             files = GltfFiles(body, keep, stiffness, gap, force, compression)
             result = dress_files(dressed, naked, output, files, options, engine, resume=resume, locale=locale)
-    except (ValueError, OSError, ImportError) as error:
-        raise click.ClickException(str(error)) from None
     if as_json:
         click.echo(json.dumps(figures_of_outfits(result), indent=1))
     else:

@@ -6,11 +6,12 @@ from __future__ import annotations
 import click
 
 from zoomout_core.cli.report import json_option, say
+from zoomout_core.command_options import FilePath, refusals
 from zoomout_core.samples import write_samples
 
 
 @click.command()
-@click.argument("folder", type=click.Path(file_okay=False))
+@click.argument("folder", type=FilePath(file_okay=False))
 @json_option
 def sample(folder: str, as_json: bool) -> None:
     """Write a character and a scan of it into FOLDER.
@@ -20,9 +21,7 @@ def sample(folder: str, as_json: bool) -> None:
     The character has texture coordinates, materials, colours, joints and an animation. The scan has another pose and
     other triangles, and no data. The file truth.txt lists corresponding vertices of both, for `zoomout evaluate`.
     """
-    try:
+    with refusals():
         files = write_samples(folder)
-    except (ValueError, OSError, ImportError) as error:
-        raise click.ClickException(str(error)) from None
     names = [str(file) for file in files]
     say([f"Wrote {', '.join(names[:-1])} and {names[-1]}."], {"files": names}, as_json)

@@ -10,7 +10,7 @@ from typing import Any
 import click
 
 from zoomout_core.cli.report import json_option, say
-from zoomout_core.command_options import check_axis, mesh_options, progress_bar
+from zoomout_core.command_options import FilePath, check_axis, mesh_options, progress_bar, refusals
 from zoomout_core.map_files import check_map_output, keep_map
 from zoomout_core.matching.presets import resolve_detail
 from zoomout_core.mesh.errors import MeshError
@@ -20,8 +20,8 @@ from zoomout_core.symmetry.detect import Symmetry, detect_symmetry
 
 
 @click.command()
-@click.argument("mesh", type=click.Path())
-@click.option("-o", "--output", required=True, type=click.Path(dir_okay=False), help="The .npz file to write.")
+@click.argument("mesh", type=FilePath())
+@click.option("-o", "--output", required=True, type=FilePath(dir_okay=False), help="The .npz file to write.")
 @click.option(
     "--candidate",
     type=click.IntRange(min=1),
@@ -45,7 +45,7 @@ def symmetry(mesh: str, output: str, candidate: int, left: str, as_json: bool, *
     the map of MESH onto itself, and for every vertex its signed distance from the symmetry line and its side: 1 left,
     -1 right, 0 on the line.
     """
-    try:
+    with refusals():
         check_map_output(output, [mesh])
         shape, direction = read_shape(mesh), check_axis(left, "--left")
         with progress_bar():
@@ -55,8 +55,6 @@ def symmetry(mesh: str, output: str, candidate: int, left: str, as_json: bool, *
         chosen = found[candidate - 1]
         with keep_map(partial(_save, chosen), Path(output), use=""):
             _save(chosen, Path(output))
-    except (ValueError, OSError, ImportError) as error:
-        raise click.ClickException(str(error)) from None
     lines = [f"{number}. {describe(entry)}" for number, entry in enumerate(found, start=1)]
     figures = {
         "output": output,

@@ -44,6 +44,7 @@ from zoomout_core.command_options import (
     files_of_options,
     folders_option,
     match_options,
+    refusals,
     start_arguments,
 )
 from zoomout_core.map_files import keep_map, save_match
@@ -153,7 +154,7 @@ def transfer(
 
     The exit code is 0 if all were written, 1 if none was, and 3 if some were.
     """
-    try:
+    with refusals():
         wanted = check_kinds(kinds)
         if Path(source).suffix.lower() in OF_BLENDER:
             raise MeshError(
@@ -177,8 +178,6 @@ def transfer(
         given = {**asdict(choices), "folders": folders, **options}
         run = partial(_run_job, asset, choices, arguments, folders, inputs)
         outcomes, figures = run_batch(source, jobs, run, given, output)
-    except (ValueError, OSError, ImportError) as error:
-        raise click.ClickException(str(error)) from None
     report_outcomes(outcomes, figures, output, as_json)
 
 

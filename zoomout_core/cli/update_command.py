@@ -25,20 +25,20 @@ from zoomout_core.assets.transfer_asset import KINDS
 from zoomout_core.assets.update_asset import changed_kinds, update_asset
 from zoomout_core.batch import Job, check_inputs_stay, is_folder, plan, report_outcomes, run_batch
 from zoomout_core.cli.report import json_option
-from zoomout_core.command_options import compress_option, folders_option, in_place_option
+from zoomout_core.command_options import FilePath, compress_option, folders_option, in_place_option, refusals
 from zoomout_core.mesh.errors import MeshError
 from zoomout_core.messages import note_figures, note_lines
 
 
 @click.command()
-@click.argument("old", metavar="OLD", type=click.Path())
-@click.argument("new", metavar="NEW", type=click.Path())
-@click.argument("derived", metavar="DERIVED...", nargs=-1, required=True, type=click.Path())
+@click.argument("old", metavar="OLD", type=FilePath())
+@click.argument("new", metavar="NEW", type=FilePath())
+@click.argument("derived", metavar="DERIVED...", nargs=-1, required=True, type=FilePath())
 @click.option(
     "-o",
     "--output",
     required=True,
-    type=click.Path(),
+    type=FilePath(),
     help="The file to write for a single DERIVED file (glb, gltf, vrm); or a folder, for any number.",
 )
 @in_place_option
@@ -62,7 +62,7 @@ def update(
     differs between OLD and NEW is transferred, along the map that each file stores; all else stays, with edits of its
     own. Vertices may be split or ordered differently in NEW.
     """
-    try:
+    with refusals():
         jobs = _plan(new, derived, output, in_place)
         files = [old, new, *(str(job.target) for job in jobs)]
         inputs = [] if in_place else inputs_of(*files, folders=folders)
@@ -76,8 +76,6 @@ def update(
             raise MeshError(f"{new} has the same data as {old} where their shapes agree: there is nothing to update.")
         run = partial(_run_job, before, now, folders, inputs, compression)
         outcomes, figures = run_batch(new, jobs, run, {"old": old, "compress": compression, "folders": folders}, output)
-    except (ValueError, OSError, ImportError) as error:
-        raise click.ClickException(str(error)) from None
     report_outcomes(outcomes, {**figures, "changed": changed}, output, as_json)
 
 

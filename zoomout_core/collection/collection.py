@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -133,15 +133,8 @@ def match_collection(
         >>> collection.matched
         1
     """
-    if sum(choice is not None for choice in (template, pairs, neighbours)) != 1:
-        raise MeshError(
-            "Give exactly one of a template, pairs and a number of neighbours to choose which shapes are matched."
-        )
-    if neighbours is not None:
-        check_counts(neighbours=neighbours)
     options = MatchOptions() if options is None else options
-    if options.landmarks is not None or options.initial_map is not None or options.regions is not None:
-        raise ValueError("Landmarks, regions and initial maps belong to a single pair: match that pair on its own.")
+    _check_choices(template, pairs, neighbours, options)
     temporary = tempfile.TemporaryDirectory(prefix="zoomout-") if folder is None else None
     place = Path(temporary.name if temporary is not None else folder or "")
     items = _items_of(shapes, template, place)
@@ -175,6 +168,18 @@ def match_collection(
         run.matched,
         temporary,
     )
+
+
+def _check_choices(template: object, pairs: object, neighbours: int | None, options: MatchOptions) -> None:
+    """Check that pairs are chosen in one way, and that the options suit all of them."""
+    if sum(choice is not None for choice in (template, pairs, neighbours)) != 1:
+        raise MeshError(
+            "Give exactly one of a template, pairs and a number of neighbours to choose which shapes are matched."
+        )
+    if neighbours is not None:
+        check_counts(neighbours=neighbours)
+    if options.landmarks is not None or options.initial_map is not None or options.regions is not None:
+        raise ValueError("Landmarks, regions and initial maps belong to a single pair: match that pair on its own.")
 
 
 def _items_of(
@@ -238,15 +243,16 @@ def _chosen_pairs(
         return pairs_with_template(template, list(items))
     if pairs == "all":
         return all_pairs(list(items))
-    if isinstance(pairs, str):
+    if pairs is not None and (isinstance(pairs, str) or not isinstance(pairs, Iterable)):
         raise MeshError(f"pairs is {pairs!r:.60}: give 'all', or a list of pairs of names, the source first.")
     return None if pairs is None else [_known_pair(pair, items) for pair in pairs]
 
 
-def _known_pair(pair: tuple[str, str], items: Mapping[str, Item]) -> PairName:
-    if isinstance(pair, str) or len(pair) != 2:
-        raise MeshError(f"A pair is {pair!r:.60}: give the names of a source and a target.")
-    for name in pair:
+def _known_pair(pair: Iterable[str], items: Mapping[str, Item]) -> PairName:
+    names = tuple(pair) if isinstance(pair, Iterable) and not isinstance(pair, str) else ()
+    if len(names) != 2 or not all(isinstance(name, str) for name in names):
+        raise MeshError(f"A pair is {names or pair!r:.60}: give the names of a source and a target.")
+    for name in names:
         if name not in items:
             raise MeshError(f"The collection has no shape named {name}: give its file name without the extension.")
-    return PairName(*pair)
+    return PairName(*names)

@@ -167,7 +167,7 @@ def _all_exist(paths: list[str]) -> bool:
 
 @contextmanager
 def local_engine(workers: int, retries: int) -> Iterator[Engine]:
-    """An engine on this machine: this process for one worker, else a Dask cluster of one process per core.
+    """An engine on this machine: this process for one worker, otherwise a Dask cluster of one process per core.
 
     The processes listen on this machine only, and authenticate each other with certificates that are made for each
     cluster. Without this, anyone who can send a task to a worker can run any code as its user.

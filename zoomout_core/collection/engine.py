@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from zoomout_core.mesh.memory import NotEnoughMemoryError
-from zoomout_core.messages import NO_MEMORY
+from zoomout_core.messages import NO_MEMORY, message_of
 from zoomout_core.runtime.progress import renaming, stage
 
 
@@ -133,5 +133,5 @@ def sentence_of(error: BaseException | None) -> str:
     if error is None:
         return "It was abandoned when its worker was lost."
     if isinstance(error, OSError | NotEnoughMemoryError):
-        return str(error)
+        return message_of(error)
     return f"It failed unexpectedly ({kind}: {' '.join(str(error).split())})."

@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.collection.shapes import ShapeSummary
-from zoomout_core.maps.zoomout import nearest_samples
+from zoomout_core.maps.upsample import nearest_samples
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.ranking.candidate import Candidate
 from zoomout_core.matching.report.verdict import Faults

@@ -15,10 +15,10 @@ from typing import Any
 
 import numpy as np
 
-from zoomout_core.collection.carried import Carried
 from zoomout_core.collection.collection import CollectionResult
 from zoomout_core.collection.cycles import Agreement
 from zoomout_core.collection.pair_map import PairName
+from zoomout_core.collection.transfer_records import TransferOutcome
 from zoomout_core.matching.report.verdict import AMBER, GREEN, LEVELS, RED, VERDICT, select_notes
 from zoomout_core.messages import note_figures, note_lines, probability
 from zoomout_core.runtime.outputs import atomic_write
@@ -28,7 +28,9 @@ REPORT, PAGE = "report.json", "report.html"
 MAX_ROWS = 100
 
 
-def figures_of_collection(result: CollectionResult, received: Mapping[str, Carried] | None = None) -> dict[str, Any]:
+def figures_of_collection(
+    result: CollectionResult, received: Mapping[str, TransferOutcome] | None = None
+) -> dict[str, Any]:
     """How a collection went, in values that JSON can store; pairs are sorted by trust, lowest first.
 
     With a transfer, `received` is its outcome for each target.
@@ -98,7 +100,7 @@ def _pairs(count: int) -> str:
 
 
 def write_reports(
-    result: CollectionResult, pictures: Mapping[str, bytes], received: Mapping[str, Carried] | None = None
+    result: CollectionResult, pictures: Mapping[str, bytes], received: Mapping[str, TransferOutcome] | None = None
 ) -> None:
     """Write `report.json` and `report.html`, with PNG files of the shapes by name, to the folder of a collection.
 
@@ -113,7 +115,7 @@ def write_reports(
 
 
 def page_of(
-    result: CollectionResult, pictures: Mapping[str, bytes], received: Mapping[str, Carried] | None = None
+    result: CollectionResult, pictures: Mapping[str, bytes], received: Mapping[str, TransferOutcome] | None = None
 ) -> str:
     """The HTML page of a collection."""
     least: dict[str, tuple[float, PairName]] = {}
@@ -214,7 +216,7 @@ def _cells(values: Iterable[str]) -> str:
     return "".join(f"<td>{escape(value)}</td>" for value in values)
 
 
-def _transfers(received: Mapping[str, Carried]) -> str:
+def _transfers(received: Mapping[str, TransferOutcome]) -> str:
     """A table of the meshes with transferred data."""
     cells = [(name, " ".join(note_lines(each.notes))) for name, each in received.items()]
     return _section("Transferred", ("mesh", "notes"), cells)

@@ -20,9 +20,15 @@ from zoomout_core.arrays import Floats, Integers
 from zoomout_core.assets.files import inputs_of, read_asset, write_asset
 from zoomout_core.assets.part_names import parts_of_file
 from zoomout_core.assets.transfer_asset import transfer_asset
-from zoomout_core.collection.carried import Carried, PairTransfer, forget_carried, read_carried, write_carried
 from zoomout_core.collection.pair_map import PairName, PairRecord, arrays_of, candidate_maps_of, load_candidate_maps
 from zoomout_core.collection.shapes import Item, ShapeSummary, content_key, spread_from_samples, summarise
+from zoomout_core.collection.transfer_records import (
+    PairTransfer,
+    TransferOutcome,
+    forget_outcome,
+    read_outcome,
+    write_outcome,
+)
 from zoomout_core.maps.known_match import KnownMatch
 from zoomout_core.matching.options import MatchOptions
 from zoomout_core.matching.pipeline import match
@@ -32,7 +38,7 @@ from zoomout_core.mesh.formats.files import read_shape
 from zoomout_core.mesh.formats.opening import existing, file_bytes
 from zoomout_core.mesh.shapes import as_surface
 from zoomout_core.runtime.array_files import ArrayFileError, write_arrays
-from zoomout_core.runtime.outputs import atomic_write, write_whole
+from zoomout_core.runtime.outputs import atomic_write, make_folder, write_whole
 from zoomout_core.runtime.version import package_version
 
 SHAPES, MAPS, MESHES = "shapes", "maps", "meshes"
@@ -66,7 +72,8 @@ class Workplace:
 
     def storing(self, of: str = "") -> AbstractContextManager[None]:
         """A context that stores prepared shapes as this workplace says; that `of` a name, to be sent, separately."""
-        cache = self.cache if self.results is not None else self.folder / (f"{PREPARED}/{of}" if of else CACHE)
+        private = self.folder / PREPARED / of if of else self.folder / CACHE
+        cache = self.cache if self.results is not None else private
         return nullcontext() if cache is None else store_shapes_in(cache, MAX_BYTES)
 
     def key(self, *parts: object) -> str:
@@ -159,7 +166,7 @@ def prepare(item: Item, content: bytes | None, place: Workplace) -> Prepared:
     if summary is None:
         with place.storing(item.name):
             summary = summarise(path, place.key(key), place.options)
-        output.parent.mkdir(parents=True, exist_ok=True)
+        make_folder(output.parent)
         with atomic_write(output) as part:
             write_arrays(part, summary.as_arrays())
         seconds = perf_counter() - began
@@ -214,14 +221,14 @@ def match_pair(
     # Keep the earlier candidates, so that the next run makes the same choice.
     candidates = earlier or candidate_maps_of(result, summaries)
     arrays = arrays_of(result, candidates, key, perf_counter() - began, through)
-    output.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(output.parent)
     result.surface_map.save(output, **arrays)
     record = PairRecord.load(output)
     shipped = {str(place_of_map(pair)): output.read_bytes()} if source.content else {}
     return Matched(pair, record, True, shipped)
 
 
-def transfer_pair(transfer: PairTransfer) -> Carried:
+def transfer_pair(transfer: PairTransfer) -> TransferOutcome:
     """Transfer a source's data to a target by their map file, unless this is on record.
 
     Raises:
@@ -231,18 +238,18 @@ def transfer_pair(transfer: PairTransfer) -> Carried:
     inputs = inputs_of(transfer.source, transfer.target)
     contents = [content_key(path.read_bytes()) for path in (*inputs, transfer.map_file) if path.is_file()]
     key = content_key(repr((contents, kinds, move_rig, output.name, package_version())).encode())
-    earlier = read_carried(record, key)
+    earlier = read_outcome(record, key)
     if earlier is not None and all(path.is_file() for path in inputs_of(output)):
         return earlier
-    forget_carried(record)
+    forget_outcome(record)
     assets = read_asset(transfer.source), read_asset(transfer.target)
     known = KnownMatch.load(transfer.map_file, assets[0].surface, assets[1].surface)
     made = transfer_asset(*assets, known, kinds, move_rig=move_rig)
-    output.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(output.parent)
     left_out = write_asset(made.asset, output, inputs)
     notes = (*assets[0].notes, *assets[1].notes, *made.notes, *left_out)
-    found = Carried(notes, tuple(map(asdict, made.motions)))
-    write_carried(record, key, found)
+    found = TransferOutcome(notes, tuple(map(asdict, made.motions)))
+    write_outcome(record, key, found)
     return found
 
 

@@ -13,9 +13,15 @@ from pathlib import Path
 from typing import Any
 
 from zoomout_core.assets.asset import COLOR, MATERIALS, NORMALS, SHAPE_KEYS, UV, WEIGHTS
-from zoomout_core.collection.carried import Carried, PairTransfer, forget_carried, read_carried, write_carried
 from zoomout_core.collection.engine import Engine, Failure, InThisProcess, Task, run_tasks
 from zoomout_core.collection.shapes import Item, content_key
+from zoomout_core.collection.transfer_records import (
+    PairTransfer,
+    TransferOutcome,
+    forget_outcome,
+    read_outcome,
+    write_outcome,
+)
 from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.blender_files import (
     ENDINGS,
@@ -28,6 +34,7 @@ from zoomout_core.mesh.formats.blender_files import (
 )
 from zoomout_core.mesh.formats.files import read_surface, write_shape
 from zoomout_core.messages import Message, warning
+from zoomout_core.runtime.outputs import make_folder
 from zoomout_core.runtime.version import package_version
 
 # Folder of the results: surfaces that Blender read.
@@ -74,7 +81,7 @@ def read_items(
         if not surface.is_file():
             tasks.append(Task(f"read {item.name}", read_item, (item.path.absolute(), role, surface, known, program)))
     if tasks:
-        (folder / SURFACES).mkdir(parents=True, exist_ok=True)
+        make_folder(folder / SURFACES)
     failures = {}
     sees = engine.sees([folder, *(item.path for item in chosen)]) if tasks else True
     readers = engine if sees else InThisProcess()
@@ -98,7 +105,7 @@ def read_item(path: Path, role: str, output: Path, known: bool, program: str | N
         write_shape(read_surface(path), output)
 
 
-def carry_pair(transfer: PairTransfer, program: str | None) -> Carried:
+def transfer_pair_through_blender(transfer: PairTransfer, program: str | None) -> TransferOutcome:
     """Transfer a source's data to a target by Blender, unless this is on record.
 
     Args:
@@ -113,11 +120,11 @@ def carry_pair(transfer: PairTransfer, program: str | None) -> Carried:
     kinds, record, move_rig = transfer.kinds, transfer.record, transfer.move_rig
     contents = [content_key(path.read_bytes()) for path in (split_asset(source)[0], target, map_file)]
     key = content_key(repr((contents, source.name, kinds, move_rig, output.name, package_version())).encode())
-    earlier = read_carried(record, key) if output.is_file() else None
+    earlier = read_outcome(record, key) if output.is_file() else None
     if earlier is not None:
         return earlier
-    forget_carried(record)
-    output.parent.mkdir(parents=True, exist_ok=True)
+    forget_outcome(record)
+    make_folder(output.parent)
     arguments = [
         "carry",
         str(source.absolute()),
@@ -136,8 +143,8 @@ def carry_pair(transfer: PairTransfer, program: str | None) -> Carried:
         raise MeshError(" ".join(dict.fromkeys(errors.values())))
     notes = [note for entry in report.values() for note in _read_notes(entry)]
     notes += [_as_warning(f"'{name}' received no data: {error}") for name, error in errors.items()]
-    found = Carried(tuple(dict.fromkeys(notes)))
-    write_carried(record, key, found)
+    found = TransferOutcome(tuple(dict.fromkeys(notes)))
+    write_outcome(record, key, found)
     return found
 
 

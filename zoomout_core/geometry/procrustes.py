@@ -128,7 +128,7 @@ class Similarities:
         """Transform points (..., n, d) back."""
         return np.asarray((points - self.translation[..., None, :]) @ self.rotation / self.scale[..., None, None])
 
-    def __getitem__(self, chosen: slice | Integers) -> Similarities:
+    def __getitem__(self, chosen: int | slice | Integers) -> Similarities:
         return Similarities(self.scale[chosen], self.rotation[chosen], self.translation[chosen])
 
     def repeat(self, count: int) -> Similarities:
@@ -225,3 +225,21 @@ def products(places: Floats, images: Floats) -> Floats:
     """(n, 16) places, images, products of both, and squares: see `Moments.of_products`."""
     mixed = (images[:, :, None] * places[:, None]).reshape(-1, 9)
     return np.hstack([places, images, mixed, (places**2).sum(axis=1, keepdims=True)])
+
+
+def fit_neighbourhoods(means: Floats, handedness: Floats) -> tuple[Floats, Floats]:
+    """Fit a similarity to each of m neighbourhoods.
+
+    Args:
+        means: (m, 18) means over each neighbourhood of `products`, of the squared lengths of images, and of ones.
+        handedness: (m,) 1 for rotations, -1 for reflections; or (1,) for all.
+
+    Returns:
+        (m, 3, 3) linear parts, and (m,) root mean square residuals, as shares of the neighbourhood's size.
+    """
+    means = means[:, :17] / means[:, 17:]
+    moments = Moments.of_products(means[:, :16])
+    found = moments.similarities(handedness)
+    spread = np.maximum(means[:, 16] - (moments.image**2).sum(axis=1), MIN_SPREAD)
+    missed = np.maximum(spread - found.scale**2 * moments.spread, 0)
+    return found.linear, np.sqrt(missed / spread)

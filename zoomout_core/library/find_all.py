@@ -43,7 +43,7 @@ from zoomout_core.mesh.formats.blender_files import ENDINGS as OF_BLENDER
 from zoomout_core.mesh.formats.blender_files import split_asset
 from zoomout_core.mesh.formats.opening import existing, file_bytes
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.messages import NO_MEMORY
+from zoomout_core.messages import NO_MEMORY, message_of
 from zoomout_core.runtime.outputs import write_whole
 from zoomout_core.runtime.progress import portion, renaming
 from zoomout_core.runtime.version import package_version
@@ -124,7 +124,7 @@ def find_all(
                     new += 1
                 result.records[name] = record
             except (ValueError, OSError, ImportError) as error:
-                result.failures[name] = str(error)
+                result.failures[name] = message_of(error)
             except MemoryError:
                 result.failures[name] = NO_MEMORY
     return FoundForAll(folder, result.records, result.failures, new)

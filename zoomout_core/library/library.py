@@ -22,7 +22,7 @@ from zoomout_core.mesh.formats.blender_files import ENDINGS, write_assets
 from zoomout_core.mesh.formats.files import read_surface
 from zoomout_core.mesh.shapes import ShapeLike, as_surface
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.messages import NO_MEMORY
+from zoomout_core.messages import NO_MEMORY, message_of
 from zoomout_core.runtime.input_files import check_path
 from zoomout_core.runtime.outputs import OutputError
 from zoomout_core.runtime.progress import Progress, listening, portion, renaming
@@ -97,8 +97,10 @@ class Library:
         Raises:
             OutputError: the index cannot be written.
         """
-        self._index.check()
         known, files = self._index.read_list(), list(self._files())
+        if not (known or files):  # probably another folder than was meant, which gets no index
+            return Preparation(0, 0, {})
+        self._index.check()
         names = {each.key: each.assets for each in known.values()}
         listed: dict[str, Listed] = {}
         failures: dict[Path, str] = {}
@@ -116,7 +118,7 @@ class Library:
                     except OutputError:
                         raise
                     except (ValueError, OSError, ImportError) as error:
-                        failures[path] = str(error)
+                        failures[path] = message_of(error)
                     except MemoryError:
                         failures[path] = NO_MEMORY
             self._index.write_list(listed)
@@ -159,9 +161,13 @@ class Library:
         return content_key(repr(sorted(self._index.read_list().items())).encode())
 
     def new_files(self) -> list[Path]:
-        """Files of the folder that are not prepared: added since `prepare`, or skipped by it."""
+        """Files of the folder that are not prepared: added or changed since `prepare`, or skipped by it."""
         known = self._index.read_list()
-        return [path for path in self._files() if self._name(path) not in known]
+        return [
+            path
+            for path in self._files()
+            if (listed := known.get(self._name(path))) is None or not _is_current(path, listed)
+        ]
 
     def _files(self) -> Iterator[Path]:
         """The mesh files, sorted, without those in hidden folders."""
@@ -208,8 +214,19 @@ class Library:
                     self._index.save(key_of_asset(key, name), bodies_of(_surface_of_asset(name, written)))
                     done.append(name)
                 except MeshError as error:
-                    failures[path / name] = str(error)
+                    failures[path / name] = message_of(error)
         return Listed(*seen, key, tuple(done)), len(done), failures
+
+
+def _is_current(path: Path, listed: Listed) -> bool:
+    """Whether a file, and those that it names, have the content that was prepared."""
+    try:
+        if look_at([path]) == listed.seen:  # it names no others
+            return True
+        inputs = inputs_of(path)
+        return look_at(inputs) == listed.seen or key_of(inputs) == listed.key
+    except OSError:  # one is gone
+        return False
 
 
 def _surface_of_asset(name: str, written: Path | str) -> Surface:

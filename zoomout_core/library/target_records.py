@@ -22,7 +22,7 @@ class TargetRecord:
     """The source of a target, in values that JSON can store.
 
     Attributes:
-        key: a hash of the target, the libraries, what is carried and the version of this package.
+        key: a hash of the target, the libraries, what is transferred and the version of this package.
         target: the target's file.
         source: the file of the source; empty if nothing fits.
         ranked: for each asset that was matched its `file`, `fit` and `certainty`, the best first.

@@ -13,8 +13,8 @@ import numpy as np
 from zoomout_core.assets.asset import Asset, Skin
 from zoomout_core.assets.files import check_avatar, inputs_of, read_asset, write_asset
 from zoomout_core.assets.transfer_asset import KINDS, base_of, transfer_asset
-from zoomout_core.collection.carried import PairTransfer
-from zoomout_core.collection.through_blender import carry_pair, read_item
+from zoomout_core.collection.through_blender import read_item, transfer_pair_through_blender
+from zoomout_core.collection.transfer_records import PairTransfer
 from zoomout_core.library.found import FoundPart
 from zoomout_core.matching.pipeline import match
 from zoomout_core.matching.report.verdict import check_verdict
@@ -25,6 +25,7 @@ from zoomout_core.mesh.formats.blender_files import IMPORTED, SOURCE, TARGET
 from zoomout_core.mesh.formats.files import read_surface
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.messages import message, warning
+from zoomout_core.runtime.outputs import make_folder
 from zoomout_core.runtime.progress import portion
 
 NOT_USED = "{file} was not used for the joint {joint}, because its match is probably wrong."
@@ -73,7 +74,7 @@ def transfer(source_path: Path, target: Asset, path: Path, output: Path, carry: 
     check_verdict(result.verdict, force)
     with portion(MATCHED, 1):
         made = transfer_asset(source, target, result, TRANSFERRED, move_rig=carry is Carry.RIG)
-    output.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(output.parent)
     check_avatar(base_of(source, target, TRANSFERRED), output)
     left_out = write_asset(made.asset, output, inputs_of(path, source_path))
     notes = [*source.notes, *target.notes, *result.notes, *made.notes, *left_out]
@@ -129,7 +130,9 @@ def transfer_through_blender(source: Path, target: Path, output: Path, carry: Ca
         kinds, moves = tuple(TRANSFERRED), carry is Carry.RIG
         with portion(MATCHED, 1):
             readable = target if known else of_target
-            found = carry_pair(PairTransfer(source, readable, map_file, output, kinds, record, moves), None)
+            found = transfer_pair_through_blender(
+                PairTransfer(source, readable, map_file, output, kinds, record, moves), None
+            )
     return Transferred(result, None, [*result.notes, *found.notes])
 
 

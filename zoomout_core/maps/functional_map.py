@@ -161,15 +161,38 @@ def check_fits_bases(size: tuple[int, ...], basis_source: SpectralBasis, basis_t
         )
 
 
+def _shape_beside(functional_map: Floats, eigenvalues_source: Floats, eigenvalues_target: Floats) -> tuple[int, int]:
+    """The shape of C, after checking it against the eigenvalues."""
+    shapes = np.shape(functional_map), np.shape(eigenvalues_target), np.shape(eigenvalues_source)
+    if [len(shape) for shape in shapes] != [2, 1, 1] or not all(
+        0 < size <= count for size, (count,) in zip(shapes[0], shapes[1:], strict=True)
+    ):
+        raise ValueError(
+            f"A functional map of shape {shapes[0]} does not fit eigenvalues of shapes {shapes[2]} of the source and "
+            f"{shapes[1]} of the target: give a matrix (k_target, k_source), and as many eigenvalues of each."
+        )
+    k_target, k_source = shapes[0]
+    return k_target, k_source
+
+
 def commutativity_error(functional_map: Floats, eigenvalues_source: Floats, eigenvalues_target: Floats) -> float:
     """||Lambda_target C - C Lambda_source||, relative to the largest eigenvalue; zero for an isometry.
+
+    Args:
+        functional_map: C (k_target, k_source).
+        eigenvalues_source: eigenvalues of the source, at least k_source; of more, the first count.
+        eigenvalues_target: those of the target, at least k_target.
+
+    Raises:
+        ValueError: C is not a matrix, or there are fewer eigenvalues than it has columns or rows.
 
     Example:
         >>> C, (a, b) = zo.functional_map_of(truth, *bases, 20, 20), bases
         >>> zo.commutativity_error(C, a.eigenvalues, b.eigenvalues) > 0
         True
     """
-    k_target, k_source = functional_map.shape
+    k_target, k_source = _shape_beside(functional_map, eigenvalues_source, eigenvalues_target)
+    eigenvalues_source, eigenvalues_target = np.asarray(eigenvalues_source), np.asarray(eigenvalues_target)
     difference = eigenvalues_target[:k_target, None] - eigenvalues_source[:k_source]
     largest = max(eigenvalues_target[k_target - 1], eigenvalues_source[k_source - 1])
     return float(np.linalg.norm(difference * functional_map) / largest)
@@ -180,8 +203,11 @@ def frequency_error(functional_map: Floats, eigenvalues_source: Floats, eigenval
 
     A frequency is the square root of an eigenvalue. C has shape (k_target, k_source); of more eigenvalues, the first
     k count.
+
+    Raises:
+        ValueError: see `commutativity_error`.
     """
-    k_target, k_source = functional_map.shape
+    k_target, k_source = _shape_beside(functional_map, eigenvalues_source, eigenvalues_target)
     source, target = np.sqrt(eigenvalues_source[:k_source]), np.sqrt(eigenvalues_target[:k_target])
     coupled = np.abs(target[:, None] - source) * np.abs(functional_map)
     return float(coupled.sum() / (k_target * max(source[-1], target[-1])))

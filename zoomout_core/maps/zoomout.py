@@ -8,14 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import solve
 
 from zoomout_core.arrays import Floats, Integers, RealsOrIntegers, check_counts, to_array
-from zoomout_core.maps.anchors import Anchors, coordinates
 from zoomout_core.maps.functional_map import (
     check_fits_bases,
     check_functional_map,
@@ -23,34 +22,14 @@ from zoomout_core.maps.functional_map import (
     functional_map_of,
     vertex_map_of,
 )
-from zoomout_core.maps.nearest import nearest
 from zoomout_core.maps.sampled_basis import SampledBasis
+from zoomout_core.maps.upsample import Places, nearest_samples, upsample_through
+from zoomout_core.maps.zoomout_sizes import ZOOMOUT, Sizes, check_sizes, finishing_sizes, growing_sizes
 from zoomout_core.mesh.input_checks import vertex_numbers
 from zoomout_core.runtime.summary import Summary
 from zoomout_core.spectral.eigenbasis import SpectralBasis
 from zoomout_core.spectral.sampling import farthest_points
-from zoomout_core.tuning import Tuning, tuned
 
-
-@dataclass(frozen=True)
-class ZoomOutTuning(Tuning, set_by="peers"):
-    """Where upsampling begins, and the rounds on all vertices, which recover the accuracy lost by sampling.
-
-    Attributes:
-        initial_size: size of the functional map of a given pointwise map.
-        finishing_size: size of the functional map at the start of the rounds on all vertices.
-        finishing_rounds: number of rounds on all vertices, at evenly spaced sizes.
-    """
-
-    initial_size: int = tuned(20, "eigenfunctions", 1, 1000)
-    finishing_size: int = tuned(30, "eigenfunctions", 1, 1000)
-    finishing_rounds: int = tuned(5, "rounds", 1, 100)
-
-
-ZOOMOUT = ZoomOutTuning()
-
-# Sizes of functional maps, each (k_target, k_source), or one number for both.
-Sizes: TypeAlias = Sequence[int | tuple[int, int]]
 # Number of farthest points of each shape, or vertex numbers on the source and on the target; None for all vertices.
 Samples: TypeAlias = int | tuple[ArrayLike, ArrayLike] | None
 
@@ -111,8 +90,8 @@ def zoomout(
     functional_map, ahead = _start(basis_source, basis_target, initial, k_final, step, sizes)
     if samples is not None:
         source, target = _sample(basis_source, basis_target, samples, (functional_map.shape, *ahead))
-        functional_map, _ = _upsample_through(source, target, functional_map, ahead)
-        functional_map, ahead = _finishing(functional_map)
+        functional_map, _ = upsample_through(source, target, functional_map, ahead)
+        functional_map, ahead = finishing_sizes(functional_map)
     for k_target, k_source in ahead:
         vertex = vertex_map_of(functional_map, basis_source, basis_target)
         functional_map = functional_map_of(vertex, basis_source, basis_target, k_source, k_target)
@@ -157,11 +136,11 @@ def zoomout_both_ways(
     back = there.T
     if samples is not None:
         sampled = _sample(basis_source, basis_target, samples, (there.shape, *ahead))
-        source, target = (_Places(each.rows, np.full(len(each.rows), 1 / len(each.rows))) for each in sampled)
+        source, target = (Places(each.rows, np.full(len(each.rows), 1 / len(each.rows))) for each in sampled)
         there, back = _upsample_both_ways(source, target, there, back, ahead)
-        back, _ = _finishing(back)
-        there, ahead = _finishing(there)
-    source, target = (_Places(basis.eigenvectors, basis.areas) for basis in (basis_source, basis_target))
+        back, _ = finishing_sizes(back)
+        there, ahead = finishing_sizes(there)
+    source, target = (Places(basis.eigenvectors, basis.areas) for basis in (basis_source, basis_target))
     there, back = _upsample_both_ways(source, target, there, back, ahead)
     return (
         Refined(there, vertex_map_of(there, basis_source, basis_target)),
@@ -169,105 +148,8 @@ def zoomout_both_ways(
     )
 
 
-def slanted_sizes(
-    basis_source: SpectralBasis, basis_target: SpectralBasis, k_initial: int = 20, k_final: int = 120, step: int = 5
-) -> list[tuple[int, int]]:
-    """Sizes of functional maps between a part and a whole, either way, for `zoomout`.
-
-    A part has fewer functions below a frequency, in proportion to its area (Rodola et al., Partial functional
-    correspondence, 2017), so its side of the functional map grows more slowly. Both bases must have the same scale, see
-    `SpectralBasis.at_area`.
-
-    Args:
-        basis_source: basis of the surface that the map lands on.
-        basis_target: basis of the surface that the map starts from.
-        k_initial: number of the whole's functions at the start.
-        k_final: number of the whole's functions at the end.
-        step: growth of this number per iteration.
-
-    Returns:
-        (k_target, k_source) of each iteration. If the target is the part, k_source = k_final k_target / r, rounded,
-        where r is the number of its eigenvalues below the k_final-th one of the source. If the source is the part, the
-        roles are exchanged.
-
-    Raises:
-        ValueError: a number is below one, or the bases have too few eigenfunctions.
-
-    Example:
-        >>> sizes = zo.slanted_sizes(*bases, k_initial=20, k_final=40)  # (k_target, k_source) of each round
-        >>> len(sizes[0])
-        2
-    """
-    check_counts(k_initial=k_initial, k_final=k_final, step=step)
-    on_source, on_target = basis_source.eigenvalues, basis_target.eigenvalues
-    k = min(k_final, len(on_source), len(on_target))
-    target_is_part = on_target[k - 1] >= on_source[k - 1]
-    part, whole = (on_target, on_source) if target_is_part else (on_source, on_target)
-    r = int((part <= whole[min(k_final, len(whole)) - 1]).sum())
-    if len(whole) < k_final or r == len(part) < k_final:
-        raise ValueError(
-            f"{len(whole)} eigenfunctions of the whole and {len(part)} of the part are too few for k_final = "
-            f"{k_final}: compute more eigenfunctions."
-        )
-    r = min(r, k_final)
-    grown = np.append(np.arange(min(k_initial, k_final), k_final, step), k_final)
-    k_part = np.unique(np.maximum(np.rint(grown * (r / k_final)).astype(int), 1))
-    k_whole = np.rint(k_part * (k_final / r)).astype(int)
-    k_target, k_source = (k_part, k_whole) if target_is_part else (k_whole, k_part)
-    return list(zip(k_target.tolist(), k_source.tolist(), strict=True))
-
-
-def upsample(
-    source: SampledBasis,
-    target: SampledBasis,
-    functional_map: Floats,
-    k_final: int,
-    step: int,
-    anchors: Anchors | None = None,
-) -> tuple[Floats, Integers]:
-    """Upsample a small functional map (k_target, k_source) on samples to k_final functions on the larger side.
-
-    A stack of maps is faster than one after the other, but takes no anchors: values at the samples that should agree.
-
-    Returns:
-        The functional map, and (s_t,) for each target sample the number of its source sample; or stacks of both.
-    """
-    return _upsample_through(source, target, functional_map, _growth(functional_map.shape[-2:], k_final, step), anchors)
-
-
-def _upsample_through(
-    source: SampledBasis,
-    target: SampledBasis,
-    functional_map: Floats,
-    sizes: Sequence[tuple[int, int]],
-    anchors: Anchors | None = None,
-) -> tuple[Floats, Integers]:
-    """Upsample on samples through given sizes, see `upsample`."""
-    for k_target, k_source in sizes:
-        match = nearest_samples(source, target, functional_map, anchors)
-        functional_map = target.fit(source.rows[match, :k_source], k_target)
-    return functional_map, nearest_samples(source, target, functional_map, anchors)
-
-
-def nearest_samples(
-    source: SampledBasis | _Places,
-    target: SampledBasis | _Places,
-    functional_map: Floats,
-    anchors: Anchors | None = None,
-) -> Integers:
-    """(..., s_t) number of the source sample that a functional map (..., k_t, k_s) assigns to each target sample."""
-    return nearest(*coordinates(target.rows, source.rows, functional_map, anchors))
-
-
-class _Places(NamedTuple):
-    """Eigenvectors (p, k) at vertices of a shape on which a map is refined, and their weights (p,) in its fits."""
-
-    rows: Floats
-    weights: Floats
-
-
 def _upsample_both_ways(
-    source: _Places, target: _Places, there: Floats, back: Floats, sizes: Sequence[tuple[int, int]]
+    source: Places, target: Places, there: Floats, back: Floats, sizes: Sequence[tuple[int, int]]
 ) -> tuple[Floats, Floats]:
     """Upsample a functional map (k_target, k_source) and its inverse through sizes."""
     for k_target, k_source in sizes:
@@ -278,7 +160,7 @@ def _upsample_both_ways(
 
 
 def _fit_to_both(
-    source: _Places, target: _Places, to_source: Integers, to_target: Integers, k_source: int, k_target: int
+    source: Places, target: Places, to_source: Integers, to_target: Integers, k_source: int, k_target: int
 ) -> Floats:
     """(k_target, k_source) functional map that best fits pointwise maps of both directions (least squares)."""
     along, against = target.rows[:, :k_target], target.rows[to_target, :k_target]
@@ -303,36 +185,23 @@ def _start(
     """The initial functional map and the sizes to go through, see `zoomout`."""
     start = check_start(initial, len(basis_source.areas), len(basis_target.areas))
     if sizes is not None:
-        ahead = _check_sizes(sizes, basis_source, basis_target)
+        ahead = check_sizes(sizes, basis_source, basis_target)
     else:
         check_counts(k_final=k_final, step=step)
         check_fits_bases((k_final, k_final), basis_source, basis_target)
         if start.ndim == 2 and max(start.shape) > k_final:
             raise ValueError(f"The initial functional map is {start.shape}, larger than k_final = {k_final}.")
         first = min(ZOOMOUT.initial_size, k_final), min(ZOOMOUT.initial_size, k_final)
-        ahead = [first, *_growth(first, k_final, step)] if start.ndim == 1 else _growth(start.shape, k_final, step)
+        ahead = (
+            [first, *growing_sizes(first, k_final, step)]
+            if start.ndim == 1
+            else growing_sizes(start.shape, k_final, step)
+        )
     if start.ndim == 2:
         check_fits_bases(start.shape, basis_source, basis_target)
         return start, ahead
     (k_target, k_source), *ahead = ahead
     return functional_map_of(start, basis_source, basis_target, k_source, k_target), ahead
-
-
-def _finishing(functional_map: Floats) -> tuple[Floats, list[tuple[int, int]]]:
-    """The initial map and sizes of the rounds on all vertices, in big steps, for the result on samples."""
-    shape = np.array(functional_map.shape)
-    start = min(1.0, ZOOMOUT.finishing_size / shape.min())
-    grown = np.rint(shape * np.linspace(start, 1, ZOOMOUT.finishing_rounds)[:, None]).astype(int)
-    first, *sizes = ((int(k_target), int(k_source)) for k_target, k_source in (*grown, shape))
-    return functional_map[: first[0], : first[1]], sizes
-
-
-def _growth(shape: tuple[int, ...], k_final: int, step: int) -> list[tuple[int, int]]:
-    """The sizes (k_target, k_source) to go through; a map that starts at k_final gets one iteration there."""
-    growth = list(range(step, k_final - max(shape) + 1, step))
-    if not growth or growth[-1] != k_final - max(shape):
-        growth.append(k_final - max(shape))
-    return [(shape[0] + more, shape[1] + more) for more in growth]
 
 
 def _sample(
@@ -369,19 +238,6 @@ def _check_samples(samples: ArrayLike, basis: SpectralBasis, k: int, side: str) 
             "as many samples as functions, spread over the shape."
         )
     return sampled
-
-
-def _check_sizes(sizes: Sizes, basis_source: SpectralBasis, basis_target: SpectralBasis) -> list[tuple[int, int]]:
-    pairs: list[Any]
-    try:
-        pairs = [(size, size) if np.ndim(size) == 0 else tuple(size) for size in sizes]  # type: ignore[arg-type]
-    except (TypeError, ValueError):
-        pairs = []
-    if not pairs or not all(len(pair) == 2 for pair in pairs):
-        raise ValueError(f"sizes is {sizes!r}: give a list of whole numbers, or of pairs (k_target, k_source) of them.")
-    for pair in pairs:
-        check_fits_bases(pair, basis_source, basis_target)
-    return pairs
 
 
 def check_start(initial: ArrayLike, n_source: int, n_target: int) -> RealsOrIntegers:

@@ -56,7 +56,7 @@ class MatchOptions:
             name. They are evidence, constrain the map, and decide which loose parts are paired.
         partial: "auto": if the map of two whole shapes is uncertain, and a part may be missing at a border of either,
             one is also tried as a part of the other. This requires initial="auto". "off": both shapes are whole.
-        exact_landmarks: deform the final map so that each landmark lands on its partner; else landmarks attract it.
+        exact_landmarks: deform the final map so that each landmark maps to its partner; otherwise landmarks attract it.
 
     Raises:
         ValueError: options contradict each other.

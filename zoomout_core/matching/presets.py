@@ -31,7 +31,9 @@ def resolve_detail(detail: str = "balanced", k_final: int = 0, **options: Any) -
         k_final: size of the final functional map; 0 for the size that belongs to `detail`.
         options: other arguments of `match`, which override those of `detail`.
     """
-    size = {"k_final": max(k_final, SMALLEST_FINAL) if isinstance(k_final, int) else k_final} if k_final else {}
     if detail not in DETAIL:
         raise ValueError(f"detail is {detail!r}: choose one of {', '.join(DETAIL)}.")
-    return {**DETAIL[detail], **size, **options}
+    sizes = dict(DETAIL[detail])
+    if k_final:  # `match` reports one that is not a number
+        sizes["k_final"] = max(k_final, SMALLEST_FINAL) if isinstance(k_final, int) else k_final
+    return sizes | options

@@ -301,7 +301,7 @@ STORED = {
 
 
 def make_result(pair: Pair, candidates: tuple[Candidate, ...], chosen: int) -> MatchResult:
-    """Refine a candidate, by its number, and carry its map over to the whole surfaces."""
+    """Refine a candidate, by its number, and lift its map to the whole surfaces."""
     with stage("Refining", 0.0, 0.8):
         dense = dense_map(pair, candidates[chosen])
     with stage("Extending to all vertices", 0.8, 0.95):
@@ -312,9 +312,8 @@ def make_result(pair: Pair, candidates: tuple[Candidate, ...], chosen: int) -> M
         repaired = repair(pair, surface_map, whole.partners.target if is_part else None)
     confidence, cut_off = whole.confidence * repaired.connected, repaired.connected < LOW_CONFIDENCE
     lost = _on_lost_parts(pair.target, whole.confidence)
-    placed = min(whole.placed, 1 - pair.target.share_of_area(lost))
     torn_off = pair.target.share_of_area(cut_off & ~lost)
-    placed *= 1 - torn_off
+    placed = min(whole.placed, 1 - pair.target.share_of_area(lost)) * (1 - torn_off)
     candidates = _doubt_torn(pair, candidates, chosen, pair.target.share_of_area(repaired.torn), torn_off)
     doubts = notes_on_map(candidates, chosen, placed, dense.flipped)
     return MatchResult(

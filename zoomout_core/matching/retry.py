@@ -33,7 +33,7 @@ from zoomout_core.matching.partial.unknown_scale import (
     unit_fits,
 )
 from zoomout_core.matching.ranking.candidate import Candidate
-from zoomout_core.matching.ranking.certainty import CERTAINTY, certainty_but_for_turns
+from zoomout_core.matching.ranking.certainty import CERTAINTY, certainty_but_for_turns, certainty_of_fit
 from zoomout_core.matching.ranking.finished_maps import rank_finished
 from zoomout_core.matching.ranking.rank import rank, with_others
 from zoomout_core.matching.ranking.rotational_symmetry import with_turned
@@ -71,10 +71,11 @@ def attempt_part(whole: Attempt, known: Constraints) -> Attempt:
     """Match one shape as a part of the other; returns the given attempt unless the part match is more certain.
 
     The units of the files are tried first, unless they are known to differ. Other scales follow unless the part fits.
+    If no map of two fragments is likely, the first one in the units of the files is returned.
     """
     upright = known.upright and are_fragments(whole.pair)
     known = replace(known, upright=False)  # a limb may point anywhere
-    best, other_units = whole, units_differ(whole.pair)
+    best, other_units, last = whole, units_differ(whole.pair), whole
     if not other_units:
         pair = in_one_unit(whole.pair)
         with stage("Placing a part", 0.0, 0.3):
@@ -83,6 +84,12 @@ def attempt_part(whole: Attempt, known: Constraints) -> Attempt:
         best = _as_part(whole, pair, candidates, PART_MATCH.likely)
         if unit_fits(candidates):
             return best
+        # A map of fragments as wholes has a partner for nearly all of their area. It competes as a part, too.
+        if are_fragments(whole.pair):
+            last = _as_part(whole, pair, candidates, likely=0.0)
+            # Rivals in the same unit do not indicate another one.
+            if best is whole and candidates and certainty_of_fit(candidates[0].scores) >= PART_MATCH.likely:
+                return last
     certainty = best.candidates[0].certainty
     enough = UNKNOWN_SCALE.certain if best is whole else UNKNOWN_SCALE.enough
     if certainty >= enough or (best is not whole and are_fragments(whole.pair)):
@@ -90,14 +97,16 @@ def attempt_part(whole: Attempt, known: Constraints) -> Attempt:
     with stage("Finding the scale of a part", 0.3, 1.0):
         found = match_at_unknown_scale(whole.pair, known.disagreement, certainty)
     if found is None:
-        return best
+        return last if best is whole else best
     pair, candidates = found
     times, likely = times_as_large(pair), PART_MATCH.likely
     if abs(np.log(times)) > np.log(UNKNOWN_SCALE.one_unit):
         pair, likely = _with_note(pair, message(RESCALED, times=times)), UNKNOWN_SCALE.likely
     rescaled = _as_part(whole, pair, candidates, likely)
     keep_unit = best is not whole and best.candidates[0].certainty >= rescaled.candidates[0].certainty
-    return best if keep_unit or rescaled is whole else rescaled
+    if keep_unit or rescaled is whole:
+        return last if best is whole else best
+    return rescaled
 
 
 def _maps_of_fragments(whole: Attempt) -> Sequence[Candidate]:

@@ -18,7 +18,7 @@ from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import edge_lengths, unique_edges
 from zoomout_core.messages import message
 from zoomout_core.outfits.dress_avatar import DressedAvatar
-from zoomout_core.transfer.dressing.contact import SidedSurface
+from zoomout_core.transfer.dressing.barriers import SidedSurface
 from zoomout_core.transfer.rigging.poses import extend_poses, find_limbs, pose_of_turns
 
 # The poses, and the axes about which limbs rotate in them; y is up. In one pose, limbs swing forward and back, in the

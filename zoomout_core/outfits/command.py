@@ -12,21 +12,11 @@ from zoomout_core.collection.report import PAGE, REPORT
 from zoomout_core.collection.tasks import MAPS, SHAPES
 from zoomout_core.matching.options import MatchOptions
 from zoomout_core.matching.preparation.disk_cache import remove_shapes
-from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.folders import meshes_of_all
-from zoomout_core.outfits.batch import (
-    BODIES,
-    BY_JOINTS,
-    DRESSED,
-    FITS,
-    PICTURES,
-    RECORDS,
-    AvatarFiles,
-    OutfitsResult,
-    dress_all,
-)
+from zoomout_core.outfits.batch import BODIES, BY_JOINTS, FITS, OutfitsResult, dress_all
+from zoomout_core.outfits.dress_file import DRESSED, PICTURES, RECORDS, AvatarFiles
 from zoomout_core.outfits.report import write_reports
-from zoomout_core.runtime.outputs import check_inputs_outside, check_output
+from zoomout_core.runtime.outputs import check_inputs_outside, check_results_folder
 from zoomout_core.translations import language_of
 
 # Folder in the results that is deleted at the end.
@@ -44,9 +34,7 @@ def find_avatars(
         MeshError: a file or folder does not exist, or is empty, or the output is a file.
         OutputError: the folder cannot be written to, or would replace one of the files.
     """
-    if output.is_file():
-        raise MeshError(f"{output} is a file: name a folder for the results.")
-    check_output(output / REPORT if output.is_dir() else output)
+    check_results_folder(output, REPLACED)
     found = meshes_of_all([outfits], endings), meshes_of_all(avatars, endings)
     check_inputs_outside(inputs_of(*found[0], *found[1]), output, REPLACED)
     return found

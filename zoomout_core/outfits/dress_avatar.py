@@ -17,13 +17,17 @@ from zoomout_core.assets.gltf.springs import Partner
 from zoomout_core.mesh.affine_maps import normalise
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import unit_vectors
-from zoomout_core.messages import warning
-from zoomout_core.outfits.parts import hair_objects, mask_of
-from zoomout_core.outfits.skeleton import Fit, align_avatars, bind_clothes, move_skinned
+from zoomout_core.messages import Message, message, warning
+from zoomout_core.outfits.parts import hair_objects, mask_of, surfaces_of_objects
+from zoomout_core.outfits.rigged_avatar import align_avatars, rigged_body
+from zoomout_core.outfits.skeleton import Fit, bind_clothes, move_skinned
 from zoomout_core.runtime.progress import portion
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 from zoomout_core.transfer.dressing.body_keys import follow_keys
-from zoomout_core.transfer.dressing.dress import Dressed, Manner, carry, clear_in_poses
+from zoomout_core.transfer.dressing.dress import clear_in_poses, fit_to_shape
+from zoomout_core.transfer.dressing.fitted_object import Manner
+from zoomout_core.transfer.dressing.layers import Dressed
+from zoomout_core.transfer.dressing.missing_skin import PLACED_BY_BONES, PLACED_BY_SHAPE, ClothedBody, place_by_bones
 from zoomout_core.transfer.dressing.posed_contact import PosedBody
 from zoomout_core.transfer.rigging.poses import extend_poses, gentle_poses
 from zoomout_core.transfer.rigging.skinning import renumber_bones
@@ -44,12 +48,14 @@ class DressedAvatar:
         joints: the outfit's own joints, for the avatar's document.
         partners: the avatar's node for each other node of the outfit.
         notes: sentences for the user.
+        missing_skin: how clothes were placed that have no skin below them; None if there are none.
     """
 
     clothes: Asset
     joints: tuple[NewJoint, ...]
     partners: Mapping[int, Partner]
     notes: tuple[str, ...]
+    missing_skin: Message | None = None
 
 
 def dress_avatar(
@@ -58,6 +64,7 @@ def dress_avatar(
     worn: Asset,
     target: Asset,
     *,
+    clothed: ClothedBody | None = None,
     keep: Sequence[str] = (),
     stiffness: float = 0.5,
     gap: float = 0.0,
@@ -69,19 +76,27 @@ def dress_avatar(
         source: the body that wears it.
         worn: the outfit, of the same file.
         target: the body to dress, of another file.
+        clothed: the source as a body whose missing skin is replaced by cloth; None if its skin is complete.
         keep: patterns of the names of its meshes or materials that keep their form, such as `Buckle*`.
         stiffness: stiffness of soft objects, see `dress`.
         gap: minimum distance from the skin, see `dress`.
     """
-    objects = _objects(worn)
+    objects = surfaces_of_objects(worn)
     masks = np.split(mask_of(worn, keep), np.cumsum([len(each.vertices) for each in objects])[:-1])
     manners: list[Manner] = ["hair" if is_hair else "automatic" for is_hair in hair_objects(worn)]
     unknown = [pattern for pattern in keep if not mask_of(worn, [pattern]).any()]
     with portion(0, FITTED):
         shape = align_avatars(shape, source, target)
-        dressed = carry(
+        placed, missing = shape, None
+        if clothed is not None:
+            other = rigged_body(target)
+            by_bones = None if other is None else place_by_bones(clothed, shape, other)
+            if by_bones is not None:
+                placed, shape = by_bones
+            missing = message(PLACED_BY_SHAPE if by_bones is None else PLACED_BY_BONES, share=clothed.share)
+        dressed = fit_to_shape(
             source.surface,
-            shape,
+            placed,
             target.surface,
             objects,
             manners=manners,
@@ -99,7 +114,7 @@ def dress_avatar(
         warning("No mesh or material of the outfit is called like '{pattern}': nothing there was kept.", pattern=each)
         for each in unknown
     ]
-    return DressedAvatar(clothes, bound.joints, bound.partners, (*notes, *dressed.notes, *bound.notes))
+    return DressedAvatar(clothes, bound.joints, bound.partners, (*notes, *dressed.notes, *bound.notes), missing)
 
 
 def _turn(asset: Asset, turns: Floats) -> Asset:
@@ -115,19 +130,6 @@ def _turn(asset: Asset, turns: Floats) -> Asset:
             )
         attributes.append(each)
     return replace(asset, attributes=tuple(attributes))
-
-
-def _objects(worn: Asset) -> list[Surface]:
-    """The surface of each object, in the order of the vertices."""
-    surface, ends = worn.surface, np.cumsum([0, *(count for _, count in worn.objects)])
-    first = surface.corner_vertex[surface.face_start[:-1]]
-    found = []
-    for start, stop in pairwise(ends.tolist()):
-        faces = np.flatnonzero((first >= start) & (first < stop))
-        corners = slice(surface.face_start[faces[0]], surface.face_start[faces[-1] + 1])
-        starts = surface.face_start[faces[0] : faces[-1] + 2] - surface.face_start[faces[0]]
-        found.append(Surface.from_corners(surface.vertices[start:stop], surface.corner_vertex[corners] - start, starts))
-    return found
 
 
 def _place(worn: Asset, dressed: Dressed) -> Asset:

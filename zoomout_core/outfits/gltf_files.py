@@ -20,16 +20,18 @@ from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.gltf_document import VRM_0
 from zoomout_core.mesh.formats.opening import file_bytes
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.outfits.batch import FITS, DressedFile
+from zoomout_core.outfits.batch import FITS
 from zoomout_core.outfits.check import check_outfit
 from zoomout_core.outfits.dress_avatar import dress_avatar
+from zoomout_core.outfits.dress_file import DressedFile
 from zoomout_core.outfits.parts import split_avatar
-from zoomout_core.outfits.skeleton import rigged_body
+from zoomout_core.outfits.rigged_avatar import complete_avatar, rigged_body
 from zoomout_core.runtime.array_files import ArrayFileError, read_arrays, write_arrays
-from zoomout_core.runtime.outputs import atomic_write
+from zoomout_core.runtime.outputs import atomic_write, make_folder
 from zoomout_core.runtime.progress import portion
 from zoomout_core.runtime.version import package_version
-from zoomout_core.transfer.dressing.dress import shape_of_source
+from zoomout_core.transfer.dressing.dress import check_fit, shape_of_source
+from zoomout_core.transfer.dressing.missing_skin import DEPTH
 from zoomout_core.transfer.rigging.joint_map import RiggedBody
 
 # Extensions of avatar files.
@@ -51,6 +53,9 @@ class GltfFiles:
         gap: see `dress`.
         force: write avatars even if the match is probably wrong.
         compression: how to compress avatars, see `compress_gltf`; VRM files are not compressed.
+
+    Raises:
+        ValueError: `stiffness` or `gap` is out of range.
     """
 
     body: tuple[str, ...] = ()
@@ -60,13 +65,16 @@ class GltfFiles:
     force: bool = False
     compression: str | None = None
 
+    def __post_init__(self) -> None:
+        check_fit(self.stiffness, self.gap)
+
     def read_body(self, path: Path, wears: bool) -> Surface:
         """See `AvatarFiles`."""
-        return split_avatar(_read(path), self.body, wears=wears).body.surface
+        return self._read_body(path, wears).surface
 
     def read_rigged(self, path: Path, wears: bool) -> RiggedBody | None:
         """See `AvatarFiles`."""
-        return rigged_body(split_avatar(_read(path), self.body, wears=wears).body)
+        return rigged_body(self._read_body(path, wears))
 
     def ending(self, avatar: Path) -> str:
         """See `AvatarFiles`."""
@@ -75,27 +83,41 @@ class GltfFiles:
     def dress(self, outfit: Path, avatar: Path, map_file: Path, output: Path) -> DressedFile:
         """See `AvatarFiles`."""
         source, target = split_avatar(_read(outfit), self.body), _read(avatar)
-        body = split_avatar(target, self.body, wears=False).body
+        body, _ = complete_avatar(split_avatar(target, self.body, wears=False), 0.0)
+        wearer, clothed = complete_avatar(source)
         assert source.worn is not None
         assert target.document is not None
         with portion(0, SHAPED):
-            shape = _shape_of_source(map_file, source.body.surface, body.surface)
+            shape = _shape_of_source(map_file, wearer.surface, body.surface)
         with portion(SHAPED, 1):
             made = dress_avatar(
-                shape, source.body, source.worn, body, keep=self.keep, stiffness=self.stiffness, gap=self.gap
+                shape,
+                wearer,
+                source.worn,
+                body,
+                clothed=clothed,
+                keep=self.keep,
+                stiffness=self.stiffness,
+                gap=self.gap,
             )
         with atomic_write(output) as part:
             left_out = append_to_gltf(target.document, made.joints, made.clothes, part, made.partners)
             if self.compression is not None and output.suffix != AVATAR:
                 compress_gltf(part, self.compression)
         return DressedFile(
-            check_outfit(source.body.surface, source.worn.surface, made, body),
+            check_outfit(wearer.surface, source.worn.surface, made, body),
             (body.surface.triangles, made.clothes.surface.triangles),
             made.clothes.objects,
             len(made.joints),
             (*made.notes, *left_out),
+            made.missing_skin,
             BACKWARDS if VRM_0 in (target.document.gltf.extensions or {}) else 0.0,
         )
+
+    def _read_body(self, path: Path, wears: bool) -> Asset:
+        """Read the body of an avatar, completed by clothes without skin below them."""
+        parts = split_avatar(_read(path), self.body, wears=wears)
+        return complete_avatar(parts, DEPTH if wears else 0.0)[0]
 
 
 def _read(path: Path) -> Asset:
@@ -118,7 +140,7 @@ def _shape_of_source(map_file: Path, source: Surface, target: Surface) -> Floats
         if known["key"].tobytes() == key and known["shape"].shape == source.vertices.shape:
             return np.asarray(known["shape"])
     shape = shape_of_source(KnownMatch.load(map_file, source, target), source, target)
-    place.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(place.parent)
     with atomic_write(place) as part:
         write_arrays(part, {"key": np.frombuffer(key, np.uint8), "shape": shape})
     return shape

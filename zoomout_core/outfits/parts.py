@@ -6,6 +6,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -60,10 +61,11 @@ def split_avatar(asset: Asset, body: Sequence[str] = (), *, wears: bool = True) 
         asset: the file.
         body: patterns of the names of meshes or materials of the body, such as `Body*`. If omitted, words in these
             names decide.
-        wears: whether it must have both. If not, parts of unknown names belong to the body.
+        wears: whether it must have both. If not, parts of unknown names belong to the body, and patterns that match
+            nothing are not used.
 
     Raises:
-        MeshError: it must have both, but does not.
+        MeshError: it must have both, but does not, or none of its parts has a name of the body.
     """
     names, part = _named_parts(asset)
     of_body = np.array(are_of_body(names, body, wears=wears))[part]
@@ -76,17 +78,30 @@ def are_of_body(names: Sequence[Sequence[str]], body: Sequence[str] = (), *, wea
     For the other arguments, see `split_avatar`.
 
     Raises:
-        MeshError: it must have a body and worn parts, but does not.
+        MeshError: it must have a body and worn parts, but does not, or none of its names is of the body.
     """
     found = [_is_of_body(each, body) for each in names]
+    if not wears and not any(found):  # the patterns are those of outfits
+        found = [_is_of_body(each, ()) for each in names]
     known = [(not wears) if kind is None else kind for kind in found]
+    if body and not any(known):
+        raise MeshError(f"--body matches none of its parts ({_name_list(names)}): correct the pattern.")
+    if wears and all(known) and (body or None not in found):
+        raise MeshError(
+            f"All of its parts belong to the body ({_name_list(names)}): give an avatar that wears something, or name "
+            "those of the body with --body."
+        )
     if wears and (all(known) or not any(known)):
-        listed = ", ".join(dict.fromkeys(shown("/".join(filter(None, name))) for name in names))
         raise MeshError(
             "The names of the parts do not show which belong to the body and which are worn "
-            f"({listed}): name those of the body with --body."
+            f"({_name_list(names)}): name those of the body with --body."
         )
     return known
+
+
+def _name_list(names: Sequence[Sequence[str]]) -> str:
+    """The names of parts, for messages."""
+    return ", ".join(dict.fromkeys(shown("/".join(filter(None, name))) for name in names))
 
 
 def is_hair(name: str, materials: Sequence[str]) -> bool:
@@ -107,6 +122,19 @@ def hair_objects(asset: Asset) -> list[bool]:
     for number, (name, _) in enumerate(asset.objects):
         used = np.unique(material[owner == number]).tolist()
         found.append(is_hair(name, [asset.materials[each].name if each >= 0 else "" for each in used]))
+    return found
+
+
+def surfaces_of_objects(asset: Asset) -> list[Surface]:
+    """The surface of each object of an asset, in the order of the vertices."""
+    surface, ends = asset.surface, np.cumsum([0, *(count for _, count in asset.objects)])
+    first = surface.corner_vertex[surface.face_start[:-1]]
+    found = []
+    for start, stop in pairwise(ends.tolist()):
+        faces = np.flatnonzero((first >= start) & (first < stop))
+        corners = slice(surface.face_start[faces[0]], surface.face_start[faces[-1] + 1])
+        starts = surface.face_start[faces[0] : faces[-1] + 2] - surface.face_start[faces[0]]
+        found.append(Surface.from_corners(surface.vertices[start:stop], surface.corner_vertex[corners] - start, starts))
     return found
 
 

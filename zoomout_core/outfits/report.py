@@ -12,8 +12,9 @@ from zoomout_core.collection.picture_page import picture_card, picture_page
 from zoomout_core.collection.report import PAGE, REPORT
 from zoomout_core.matching.report.verdict import AMBER, GREEN, LEVELS, RED
 from zoomout_core.messages import Message, enumeration, message, note_figures, note_lines
-from zoomout_core.outfits.batch import OutfitName, OutfitsResult, Worn, place_of_picture
+from zoomout_core.outfits.batch import OutfitsResult
 from zoomout_core.outfits.check import REST, SPREAD, SWING
+from zoomout_core.outfits.dress_file import OutfitName, Worn, place_of_picture
 from zoomout_core.runtime.outputs import atomic_write
 from zoomout_core.translations import ENGLISH
 

@@ -26,10 +26,9 @@ from zoomout_core.mesh.affine_maps import normalise
 from zoomout_core.mesh.formats.gltf_document import free_name
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.messages import plural, plural_warning
+from zoomout_core.outfits.rigged_avatar import heads_of, moving_joints
 from zoomout_core.transfer.dressing.body_weights import WeightedBody, follow_weights
-from zoomout_core.transfer.dressing.joint_alignment import JointPairs, align_joints
 from zoomout_core.transfer.rigging.bone_pairs import pair_bones, same_humanoid
-from zoomout_core.transfer.rigging.joint_map import RiggedBody
 from zoomout_core.transfer.rigging.joints import motions_around, move_joints
 from zoomout_core.transfer.rigging.poses import parents_first
 from zoomout_core.transfer.rigging.skinning import matrices_of, renumber_bones
@@ -85,8 +84,8 @@ def bind_clothes(clothes: Asset, fit: Fit, target: Asset) -> BoundClothes:
         return BoundClothes(replace(clothes, skin=_skin_of_body(clothes.surface, target.surface, target.skin)))
     humanoid, other_humanoid = _humanoid_joints(clothes, target)
     # Avatars often lack the skin below their clothes: joints of legs may move only the trousers.
-    own = _moving(clothes.skin) & ~_moving(fit.body.skin) & ~humanoid
-    pairs = _pair_joints(clothes, own, fit, target, _moving(target.skin) | other_humanoid)
+    own = moving_joints(clothes.skin) & ~moving_joints(fit.body.skin) & ~humanoid
+    pairs = _pair_joints(clothes, own, fit, target, moving_joints(target.skin) | other_humanoid)
     joints, numbers, anchors = _copy_joints(clothes, own, fit, target, pairs)
     notes = []
     if joints:
@@ -115,29 +114,6 @@ def bind_clothes(clothes: Asset, fit: Fit, target: Asset) -> BoundClothes:
     return BoundClothes(replace(clothes, skin=skin), joints, _partners(clothes, fit, target, pairs), tuple(notes))
 
 
-def align_avatars(shape: Floats, source: Asset, target: Asset) -> Floats:
-    """(n, 3) the shape of one avatar's body, aligned with the joints of another one, see `align_joints`.
-
-    Args:
-        shape: (n, 3) its vertices in the shape of the other body.
-        source: the body of the first avatar.
-        target: that of the other one.
-    """
-    first, second = rigged_body(source), rigged_body(target)
-    if first is None or second is None:
-        return shape
-    return align_joints(source.surface, shape, target.surface, JointPairs.of(first.bones, first.weights, second.bones))
-
-
-def rigged_body(body: Asset) -> RiggedBody | None:
-    """A body with the joints that move something; None without a skin."""
-    if body.skin is None or body.document is None:
-        return None
-    joints = np.flatnonzero(_moving(body.skin))
-    weights = csr_array(body.skin.weights[:, joints])
-    return RiggedBody(body.surface, skeleton_of(body, joints, _heads(body)), weights)
-
-
 def move_skinned(clothes: Asset, skin: Skin | None) -> Asset:
     """Adapt the skin of clothes to other positions of their vertices."""
     if skin is None:
@@ -155,19 +131,10 @@ def _skin_of_body(surface: Surface, body: Surface, skin: Skin) -> Skin:
     return replace(skin, rest=rest, linear=linear, weights=weights)
 
 
-def _moving(skin: Skin) -> Booleans:
-    """(b,) the joints that move something, directly or through joints below them."""
-    moving = np.isin(np.arange(len(skin.names)), skin.weights.indices[skin.weights.data > 0])
-    for joint in reversed(parents_first(skin.parents)):
-        if skin.parents[joint] >= 0:
-            moving[skin.parents[joint]] |= moving[joint]
-    return moving
-
-
 def _humanoid_joints(clothes: Asset, target: Asset) -> tuple[Booleans, Booleans]:
     """The joints (b,) of the outfit and (b_t,) of the avatar that are the same humanoid bones."""
     bones, others = (
-        skeleton_of(each, np.arange(len(each.skin.names)), _heads(each))  # type: ignore[union-attr]
+        skeleton_of(each, np.arange(len(each.skin.names)), heads_of(each))  # type: ignore[union-attr]
         for each in (clothes, target)
     )
     pairs = same_humanoid(bones, others)
@@ -185,8 +152,8 @@ def _pair_joints(clothes: Asset, own: Booleans, fit: Fit, target: Asset, free: B
         free: (b_t,) joints of the avatar that may be partners.
     """
     size = float(np.ptp(target.surface.vertices, axis=0).max())
-    heads = move_joints(fit.body.surface, fit.shape, _heads(clothes)).positions
-    sides = [(clothes, ~own, heads), (target, free, _heads(target))]
+    heads = move_joints(fit.body.surface, fit.shape, heads_of(clothes)).positions
+    sides = [(clothes, ~own, heads), (target, free, heads_of(target))]
     chosen = [np.flatnonzero(kept) for _, kept, _ in sides]
     bones, others = (
         skeleton_of(asset, joints, places) for (asset, _, places), joints in zip(sides, chosen, strict=True)
@@ -197,13 +164,6 @@ def _pair_joints(clothes: Asset, own: Booleans, fit: Fit, target: Asset, free: B
         for skeleton, joints in zip((bones, others), chosen, strict=True)
     )
     return {number[name]: other[pairs[name]] for name in pairs}
-
-
-def _heads(asset: Asset) -> Floats:
-    """(b, 3) places of an asset's joints."""
-    assert asset.skin is not None
-    assert asset.document is not None
-    return asset.document.worlds()[0][asset.skin.nodes, :3, 3]
 
 
 def _partners(clothes: Asset, fit: Fit, target: Asset, pairs: Mapping[int, int]) -> dict[int, Partner]:

@@ -1,16 +1,18 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Packages that import their modules on first use, so that programs start without waiting for unused modules.
 
-A package declares its imports twice: under `TYPE_CHECKING`, for type checkers and readers, and by one of these
-functions, whose result is the package's `__getattr__` (PEP 562). `import scipy` works in the same way.
+The package declares its imports under `TYPE_CHECKING`, for type checkers and readers, and one of these functions
+returns its `__getattr__` (PEP 562). `import scipy` works in the same way.
 """
 
 from __future__ import annotations
 
+import ast
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from importlib.util import find_spec
+from pathlib import Path
 from types import ModuleType
 
 
@@ -26,6 +28,20 @@ def names_on_first_use(package: str, homes: Mapping[str, Sequence[str]]) -> Call
         return value
 
     return import_name
+
+
+def imports_on_first_use(package: str, file: str) -> Callable[[str], object]:
+    """A `__getattr__` that imports a name from the module that the package's imports under `TYPE_CHECKING` say.
+
+    It reads the source file of the package. Packages that may be installed without sources, as by PyInstaller, use
+    `names_on_first_use` instead.
+    """
+    statements = ast.parse(Path(file).read_text(encoding="utf-8")).body
+    block = next(each for each in statements if isinstance(each, ast.If) and ast.unparse(each.test) == "TYPE_CHECKING")
+    homes = {
+        str(node.module): [name.name for name in node.names] for node in block.body if isinstance(node, ast.ImportFrom)
+    }
+    return names_on_first_use(package, homes)
 
 
 def modules_on_first_use(package: str) -> Callable[[str], ModuleType]:

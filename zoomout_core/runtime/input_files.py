@@ -103,7 +103,9 @@ def beside(name: str, folder: Path, folders: Iterable[str | os.PathLike[str]] = 
 
 
 def reason_of(error: Exception) -> str:
-    """Why a file cannot be read, as a part of a sentence; errors of libraries describe their own internals."""
+    """Why a file cannot be used, as a part of a sentence; errors of libraries describe their own internals."""
+    if isinstance(error, OSError) and error.strerror:
+        return error.strerror
     return str(error) if isinstance(error, FormatError) else "its content is damaged, or of another format"
 
 

@@ -121,6 +121,7 @@ def make_folder(folder: Path) -> None:
     Raises:
         OutputError: it cannot be made.
     """
+    _check_no_file(folder)
     with _explain_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
 
@@ -131,7 +132,7 @@ def write_whole(path: Path, content: bytes) -> None:
     Raises:
         OutputError: it cannot be written; the earlier file is unchanged.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(path.parent)
     with atomic_write(path) as part:
         part.write_bytes(content)
 
@@ -246,6 +247,34 @@ def _part_of(path: Path) -> Path:
                 if time() - part.stat().st_mtime > ABANDONED:
                     shutil.rmtree(part) if part.is_dir() else part.unlink()
     return path.with_name(f".{token_hex(4)}.part{path.suffix}")
+
+
+def check_results_folder(folder: Path, names: Iterable[str]) -> None:
+    """Check, before the work begins, that results can be written to a folder.
+
+    Args:
+        folder: the folder, which may not exist yet.
+        names: the names of its results; those without an extension are folders.
+
+    Raises:
+        OutputError: a result, or the folder, cannot be written, or is a file in place of a folder or the reverse.
+    """
+    if not folder.is_dir():
+        check_output(folder)
+        _check_no_file(folder)
+        return
+    for place in (folder / name for name in names):
+        if place.suffix:
+            check_output(place)
+        else:
+            _check_no_file(place)
+
+
+def _check_no_file(folder: Path) -> None:
+    """Raise an OutputError if a file is in the place of a folder."""
+    if os.path.lexists(folder) and not folder.is_dir():
+        what = "a file" if folder.exists() else "a link that leads nowhere"
+        raise OutputError(f"{folder} is {what}: name a folder for the results.")
 
 
 def check_inputs_outside(inputs: Iterable[Path], output: Path, names: Iterable[str]) -> None:

@@ -22,11 +22,12 @@ from zoomout_core.drawing import encode_png
 from zoomout_core.mesh.affine_maps import blend_matrices, transform_points
 from zoomout_core.mesh.decimation import decimate
 from zoomout_core.mesh.formats.files import read_surface
-from zoomout_core.mesh.formats.gltf_document import Buffer, Document, library
+from zoomout_core.mesh.formats.gltf_buffer import Buffer
+from zoomout_core.mesh.formats.gltf_document import Document, library
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import unit_vectors
 from zoomout_core.mesh.voxel_remesh import voxel_remesh
-from zoomout_core.runtime.outputs import OutputError, atomic_write
+from zoomout_core.runtime.outputs import OutputError, atomic_write, make_folder
 from zoomout_core.samples.creatures import FLAT, LIMBS, NAMES, Creature, at_rest, creature, limb_weights, true_vertex
 from zoomout_core.transfer.attribute import Attribute, Domain, Kind
 
@@ -120,7 +121,7 @@ def write_samples(folder: str | PathLike[str]) -> tuple[Path, ...]:
     there = next((file for file in files if os.path.lexists(file)), None)
     if there is not None:
         raise OutputError(f"{there} exists: remove it, or choose another folder.")
-    place.mkdir(parents=True, exist_ok=True)
+    make_folder(place)
     made, scanned = body(), scan()
     write_asset(character(), files[0])
     write_asset(Asset(scanned.surface), files[1])

@@ -70,7 +70,9 @@ def _other_side(side: str) -> str:
     if side in LETTERS:
         return LETTERS[side]
     small, capital, capitals = WORDS[side.lower()]
-    return small if side[0].islower() else capitals if side[1].isupper() else capital
+    if side[0].islower():
+        return small
+    return capitals if side[1].isupper() else capital
 
 
 def _without_number(name: str) -> tuple[str, str]:

@@ -20,7 +20,7 @@ from zoomout_core.arrays import Floats, Integers
 from zoomout_core.geometry.procrustes import nearest_rotations
 from zoomout_core.maps.functional_map import commutativity_error, orthonormality_error
 from zoomout_core.maps.sampled_basis import SampledBasis
-from zoomout_core.maps.zoomout import upsample
+from zoomout_core.maps.upsample import upsample
 from zoomout_core.matching.hypotheses.descriptors import descriptor_hypotheses
 from zoomout_core.matching.hypotheses.extremities import extremity_hypotheses
 from zoomout_core.matching.hypotheses.hypothesis import Hypothesis

@@ -13,9 +13,11 @@ if TYPE_CHECKING:
     from zoomout_core.transfer.blend_settings import MODES, Blend, Mode
     from zoomout_core.transfer.dressing.body_keys import follow_keys
     from zoomout_core.transfer.dressing.body_weights import WeightedBody, follow_weights, moving_with_skin
-    from zoomout_core.transfer.dressing.dress import Dressed, Manner, carry, clear_in_poses, dress, shape_of_source
+    from zoomout_core.transfer.dressing.dress import clear_in_poses, dress, fit_to_shape, shape_of_source
+    from zoomout_core.transfer.dressing.fitted_object import Manner
     from zoomout_core.transfer.dressing.form import Lines
     from zoomout_core.transfer.dressing.joint_alignment import JointPairs, align_joints
+    from zoomout_core.transfer.dressing.layers import Dressed
     from zoomout_core.transfer.dressing.posed_contact import PosedBody
     from zoomout_core.transfer.rigging.bone_pairs import Skeleton, pair_bones
     from zoomout_core.transfer.rigging.joints import MovedJoints, move_joints
@@ -42,10 +44,10 @@ __all__ = [
     "WeightedBody",
     "Wrapped",
     "align_joints",
-    "carry",
     "clear_in_poses",
     "conform",
     "dress",
+    "fit_to_shape",
     "follow_keys",
     "follow_weights",
     "map_target",
@@ -79,18 +81,18 @@ _HOMES = {
         "moving_with_skin",
     ),
     "dressing.dress": (
-        "Dressed",
-        "Manner",
-        "carry",
+        "fit_to_shape",
         "clear_in_poses",
         "dress",
         "shape_of_source",
     ),
+    "dressing.fitted_object": ("Manner",),
     "dressing.form": ("Lines",),
     "dressing.joint_alignment": (
         "JointPairs",
         "align_joints",
     ),
+    "dressing.layers": ("Dressed",),
     "dressing.posed_contact": ("PosedBody",),
     "rigging.bone_pairs": (
         "Skeleton",

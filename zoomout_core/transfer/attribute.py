@@ -93,7 +93,7 @@ class Attribute:
 
 
 def _member_name(given: object, enumeration: type[Enum]) -> str:
-    """The name in an enumeration that equals a text regardless of case, else the first one."""
+    """The name in an enumeration that equals a text regardless of case, otherwise the first one."""
     names = list(enumeration.__members__)
     return str(given).upper() if str(given).upper() in names else names[0]
 

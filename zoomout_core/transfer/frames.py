@@ -13,18 +13,19 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import bsr_array, csc_array, diags_array
+from scipy.sparse import csc_array, diags_array
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from zoomout_core.arrays import Booleans, Floats, Integers, segment_sum
-from zoomout_core.geometry.procrustes import MIN_SPREAD, Moments, nearest_rotations, products
+from zoomout_core.geometry.procrustes import fit_neighbourhoods, nearest_rotations, products
 from zoomout_core.geometry.screened_smoothing import ScreenedSmoothing
 from zoomout_core.mesh.triangles import vertex_areas
 from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.runtime.once import once_per_argument
 from zoomout_core.spectral.laplacian import mesh_laplacian
 from zoomout_core.transfer.attribute import Domain
+from zoomout_core.transfer.gradients import products_of_gradients, without_sums
 from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.tuning import Tuning, tuned
 
@@ -149,11 +150,11 @@ class Frames:
         size = np.sqrt(self.mapped.source.area) / self.mapped.target.working.scale
         moments, side = self._moments, self._handedness
         wide = ScreenedSmoothing.of(self.smoothing.weights, self.stiffness, WIDE * FRAMES.smoothing_length)
-        _, deviation = _similarities(self.smoothing.smooth(moments), side)
+        _, deviation = fit_neighbourhoods(self.smoothing.smooth(moments), side)
         noise = wide.smooth(deviation[:, None])[:, 0]
 
         blend, share = size * self.turns, np.ones(len(side))
-        around, deviation = _similarities(wide.smooth(moments), side)
+        around, deviation = fit_neighbourhoods(wide.smooth(moments), side)
         whole, deviation_of_whole = self._whole
         large_turn, kept = without_small_turn(whole[0])
         for linear, sides, missed in (
@@ -205,15 +206,15 @@ class Frames:
 
     @cached_property
     def _moments(self) -> Floats:
-        """(n, 18) see `_similarities`; both surfaces are of unit area."""
+        """(n, 18) see `fit_neighbourhoods`; both surfaces are of unit area."""
         own = self.mapped.target.working.vertices[self.number]
         images = self.points[self.number] / np.sqrt(self.mapped.source.area)
         return np.column_stack([products(images, own), (own**2).sum(axis=1), np.ones(len(own))])
 
     @cached_property
     def _whole(self) -> tuple[Floats, Floats]:
-        """(1, 3, 3) the best similarity of all vertices, and (1,) the map's deviation from it; see `_similarities`."""
-        return _similarities(self.smoothing.weights[None] @ self._moments, self._side_of_most)
+        """(1, 3, 3) the best similarity of all vertices, and (1,) the map's deviation from it."""
+        return fit_neighbourhoods(self.smoothing.weights[None] @ self._moments, self._side_of_most)
 
     @cached_property
     def _side_of_most(self) -> Floats:
@@ -287,20 +288,6 @@ def without_small_turn(linear: Floats) -> tuple[Floats, float]:
     return np.asarray(scale * Rotation.from_rotvec(kept * rotation.as_rotvec()).as_matrix()), kept
 
 
-def _similarities(means: Floats, handedness: Floats) -> tuple[Floats, Floats]:
-    """(m, 3, 3) best similarities of neighbourhoods, and (m,) deviations of the map from them.
-
-    Takes the means (m, 18) of `products` of places and images, of the squares of images, and of ones. The deviation is
-    a share of the neighbourhood's size.
-    """
-    means = means[:, :17] / means[:, 17:]
-    moments = Moments.of_products(means[:, :16])
-    found = moments.similarities(handedness)
-    spread = np.maximum(means[:, 16] - (moments.image**2).sum(axis=1), MIN_SPREAD)
-    missed = np.maximum(spread - found.scale**2 * moments.spread, 0)
-    return found.linear, np.sqrt(missed / spread)
-
-
 def _fitting(deviation: Floats, noise: Floats) -> Floats:
     """(n,) weights in [0, 1] of wide neighbourhoods, by their deviations (n,) or (1,) and those of narrow ones (n,)."""
     limit = np.minimum(FRAMES.excess * noise, FRAMES.deviation)
@@ -353,29 +340,3 @@ def on_working_mesh(working: WorkingMesh, values: NDArray[Any]) -> NDArray[Any]:
     first = np.empty(len(working.vertices), dtype=np.int64)
     first[working.vertex_of[used]] = used
     return values[first]
-
-
-def without_sums(stiffness: csc_array) -> csc_array:
-    """A stiffness matrix with the same edges, whose columns sum to zero."""
-    return csc_array(stiffness - diags_array(stiffness.sum(axis=0)))
-
-
-def turn_gradients(stiffness: csc_array, turns: Floats) -> bsr_array:
-    """(3n, 3n) divergence of rotated gradients: a symmetric stiffness (n, n) applied to values with these gradients.
-
-    For each vertex i the sum of w_ij (M_i + M_j) / 2 (v_i - v_j) over its neighbours, with the weights w_ij of edges
-    and the matrices M (n, 3, 3); for values (n, 3) as one column. Rows of the stiffness sum to zero.
-    """
-    n = len(turns)
-    row, column = np.repeat(np.arange(n), np.diff(stiffness.indptr)), stiffness.indices
-    blocks = stiffness.data[:, None, None] * (turns[row] + turns[column]) / 2
-    sums = (stiffness @ turns.reshape(n, 9)).reshape(n, 3, 3) / 2
-    blocks[row == column] -= sums[row[row == column]]
-    return bsr_array((blocks, column, stiffness.indptr), shape=(3 * n, 3 * n))
-
-
-def products_of_gradients(stiffness: csc_array, first: Floats, second: Floats) -> Floats:
-    """(n, a, b) integrals, over the areas of vertices, of the products of gradients of values (n, a) and (n, b)."""
-    each = first[:, :, None] * (stiffness @ second)[:, None, :] + (stiffness @ first)[:, :, None] * second[:, None, :]
-    together = (first[:, :, None] * second[:, None, :]).reshape(len(first), -1)
-    return (each - (stiffness @ together).reshape(each.shape)) / 2

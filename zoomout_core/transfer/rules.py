@@ -57,7 +57,7 @@ class Rule:
         bounded: whether squares of the values must be finite.
         sparse: whether values must be a sparse array.
         column: the shape of each column; () for numbers.
-        mixable: whether values can be mixed, like numbers; else one or the other is taken.
+        mixable: whether values can be mixed, like numbers; otherwise one or the other is taken.
         mirrorable: whether such values have a mean for both sides of a symmetry, or a substitute for it.
     """
 
@@ -209,7 +209,7 @@ def map_target(
 def surfaces_of(
     result: Match | SurfaceMap, source: ShapeLike | None, target: ShapeLike | None
 ) -> tuple[Surface, Surface]:
-    """The surfaces of a transfer: the given ones, else those of the match.
+    """The surfaces of a transfer: the given ones, otherwise those of the match.
 
     Raises:
         TypeError: no surfaces are given, and the match has none, such as a bare map.

@@ -14,7 +14,8 @@ from zoomout_core.arrays import Booleans, Floats
 from ..attributes.vertex_groups import read_mask
 from ..surfaces.surfaces import directions_in_world
 from .key_drivers import is_corrective
-from .shape_keys import BASIS, ShapeKey, path_of_key, read_own_shape_keys, write_shape_keys
+from .shape_keys import ShapeKey, read_own_shape_keys
+from .write_keys import BASIS, path_of_key, write_shape_keys
 
 
 @dataclass(frozen=True, eq=False)

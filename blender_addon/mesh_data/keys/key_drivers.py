@@ -11,7 +11,7 @@ from typing import Any
 import bpy
 from bpy.types import ID, DriverTarget, FCurve, Key, Object, Scene
 
-from .shape_keys import path_of_key
+from .write_keys import path_of_key
 
 # A bone in a data path; its name is escaped.
 BONE = re.compile(r'\bbones\["((?:[^"\\]|\\.)*)"\]')

@@ -7,7 +7,7 @@ poses the mesh that the keys have moved.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
@@ -26,7 +26,6 @@ from ..surfaces.surfaces import VERTEX_PRESERVING, Faces, read_faces, read_posit
 
 # Properties of a key besides its place and its reference key; the range comes before the value, which it clamps.
 SETTINGS = ("slider_max", "slider_min", "value", "mute", "interpolation", "vertex_group", "lock_shape")
-BASIS = "Basis"
 
 
 @dataclass(frozen=True)
@@ -76,14 +75,6 @@ def read_rest_positions(mesh: Mesh) -> Floats:
 def read_key_positions(mesh: Mesh, name: str) -> Floats:
     """(n, 3) positions in a shape key."""
     return read_array(mesh.shape_keys.key_blocks[name].points, "co", np.float32, 3)
-
-
-def move_vertices(mesh: Mesh, offsets: Floats) -> None:
-    """Move the vertices of a mesh by offsets (n, 3), in its own space, together with its shape keys."""
-    mesh.vertices.foreach_set("co", np.ascontiguousarray(read_positions(mesh) + offsets, np.float32).ravel())
-    for block in mesh.shape_keys.key_blocks if mesh.shape_keys else ():
-        moved = read_key_positions(mesh, block.name) + offsets
-        block.points.foreach_set("co", np.ascontiguousarray(moved, np.float32).ravel())
 
 
 def read_shape_keys(obj: Object, faces: Faces) -> ShapeKeys | None:
@@ -154,9 +145,8 @@ def join_shape_keys(of_each: Sequence[ShapeKeys]) -> tuple[ShapeKeys, list[list[
     """
     if len(of_each) == 1:
         return of_each[0], [list(of_each[0].offsets.labels)]
-    columns = {
-        name: i for i, name in enumerate(dict.fromkeys(name for each in of_each for name in each.offsets.labels))
-    }
+    names = dict.fromkeys(name for each in of_each for name in each.offsets.labels)
+    columns = {name: column for column, name in enumerate(names)}
     joined, own, offsets = dict[str, ShapeKey](), [], []
     for each in of_each:
         new = {key.name: _renumber(key, each.keys, columns) for key in each.keys if key.name not in joined}
@@ -173,102 +163,6 @@ def join_shape_keys(of_each: Sequence[ShapeKeys]) -> tuple[ShapeKeys, list[list[
 def _renumber(key: ShapeKey, keys: Sequence[ShapeKey], columns: Mapping[str, int]) -> ShapeKey:
     """A key with its base renumbered by `columns`."""
     return replace(key, base=-1 if key.base < 0 else columns[keys[key.base].name])
-
-
-def write_shape_keys(obj: Object, keys: Sequence[ShapeKey], offsets: Floats) -> None:
-    """Write keys with offsets (n, keys, 3) in the object's space; keys of the same names are overwritten.
-
-    Other keys that are relative to these move along, as in Blender, so that their offsets stay the same.
-    """
-    mesh = obj.data
-    active = obj.active_shape_key_index
-    if mesh.shape_keys is None:
-        obj.shape_key_add(name=BASIS, from_mix=False)
-    blocks = mesh.shape_keys.key_blocks
-    rest = read_rest_positions(mesh)
-    following = _following(mesh.shape_keys, {key.name for key in keys})
-    before = {name: read_key_positions(mesh, name) for name in set(following.values())}
-    shapes: list[Floats | None] = [None] * len(keys)
-
-    def shape(number: int) -> Floats:
-        found = shapes[number]
-        if found is None:
-            base = keys[number].base
-            found = shapes[number] = offsets[:, number] + (rest if base < 0 else shape(base))
-        return found
-
-    for number, key in enumerate(keys):
-        block = blocks.get(key.name) or obj.shape_key_add(name=key.name, from_mix=False)
-        block.points.foreach_set("co", np.ascontiguousarray(shape(number), np.float32).ravel())
-        block.slider_min = -10.0  # its lower limit, so that no maximum is below it
-        for name, value in key.settings.items():
-            setattr(block, name, value)
-    for key in keys:
-        blocks[key.name].relative_key = blocks[key.relative_to] if key.relative_to else mesh.shape_keys.reference_key
-    for follower, name in following.items():
-        moved: Floats = read_key_positions(mesh, follower) + read_key_positions(mesh, name) - before[name]
-        blocks[follower].points.foreach_set("co", np.ascontiguousarray(moved, np.float32).ravel())
-    obj.active_shape_key_index = active
-    mesh.shape_keys.update_tag()
-
-
-def rename_shape_keys(key: Key, names: Mapping[str, str]) -> None:
-    """Rename the shape keys of a mesh; Blender updates the paths of animations and drivers.
-
-    Args:
-        key: the mesh's shape keys.
-        names: new names by old ones; new names may be old ones of others that are renamed, too.
-    """
-    blocks = [(key.key_blocks[old], new) for old, new in names.items() if old != new]
-    for new in {new for _, new in blocks}.intersection(names):
-        key.key_blocks[new].name = f"{new} before"
-    for block, new in blocks:
-        block.name = new
-
-
-def write_shape(obj: Object, name: str, shape: Floats) -> None:
-    """Write a shape (n, 3) in the object's space as a key of value 0; a key of that name is overwritten."""
-    settings = {"slider_max": 1.0, "slider_min": 0.0, "value": 0.0, "mute": False, "vertex_group": ""}
-    write_shape_keys(obj, [ShapeKey(name, -1, None, settings)], (shape - read_rest_positions(obj.data))[:, None])
-
-
-def write_animation(source: Key, target: Key, names: Sequence[str]) -> None:
-    """Copy the source's drivers of some keys, which read the same values, and its action if the target has none."""
-    animation = source.animation_data
-    if animation is None:
-        return
-    own = target.animation_data_create()
-    paths = tuple(path_of_key(name) for name in names)
-    for curve in [curve for curve in animation.drivers if curve.data_path.startswith(paths)]:
-        present = own.drivers.find(curve.data_path, index=curve.array_index)
-        if present is not None:
-            own.drivers.remove(present)
-        own.drivers.from_existing(src_driver=curve)
-    if animation.action is not None and own.action is None:
-        own.action = animation.action.copy()
-        slot = getattr(animation, "action_slot", None)  # from Blender 4.4 on
-        if slot is not None:
-            own.action_slot = own.action.slots[slot.identifier]
-
-
-def path_of_key(name: str) -> str:
-    """The data path of a key's properties, without their names."""
-    return f'key_blocks["{bpy.utils.escape_identifier(name)}"].'
-
-
-def _following(key: Key, names: Collection[str]) -> dict[str, str]:
-    """Other keys that are relative, directly or indirectly, to keys of these names: key name to the first such name."""
-    following = {}
-    for block in key.key_blocks:
-        base = block.relative_key
-        for _ in key.key_blocks:  # they may be relative to each other in a circle
-            if base == key.reference_key or block.name in names:
-                break
-            if base.name in names:
-                following[block.name] = base.name
-                break
-            base = base.relative_key
-    return following
 
 
 def _shape_keys(keys: tuple[ShapeKey, ...], rest: Floats, offsets: list[Floats]) -> ShapeKeys:

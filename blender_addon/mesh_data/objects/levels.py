@@ -33,13 +33,8 @@ from ..attributes.layers import (
 from ..attributes.normals import read_own_normals, write_custom_normals
 from ..attributes.vertex_groups import read_weights, write_weights
 from ..keys.key_drivers import Partners, redirect_drivers
-from ..keys.shape_keys import (
-    ShapeKeys,
-    read_own_shape_keys,
-    read_rest_positions,
-    write_animation,
-    write_shape_keys,
-)
+from ..keys.shape_keys import ShapeKeys, read_own_shape_keys, read_rest_positions
+from ..keys.write_keys import write_animation, write_shape_keys
 from ..matrices import transform_points, world_matrix
 from ..rigs.armatures import Bones, read_bones
 from ..surfaces.surfaces import is_mirrored, positions_in_object, read_surface_at_rest

@@ -75,7 +75,7 @@ def read_worn(obj: Object, depsgraph: Depsgraph, at_rest: bool, kept: str = "") 
     Args:
         obj: an object of one of `TYPES`.
         depsgraph: Blender's.
-        at_rest: whether to read it undeformed, and placed as while bones are at rest; else it is read as displayed,
+        at_rest: whether to read it undeformed, at its place while bones are at rest; otherwise it is read as displayed,
             before modifiers that add or remove vertices.
         kept: name of the vertex group, if it has one of that name, of parts that keep their form.
 
@@ -120,7 +120,7 @@ def add_worn_copy(
 ) -> tuple[Object, list[str]]:
     """Add a copy of an object in another shape, for another object to wear.
 
-    At rest, the copy has the parent and deformation of the original, by the same bones. Else the wearer is its parent,
+    At rest, the copy keeps the parent and deformation of the original. Otherwise, its parent is the wearer,
     and it has none of the modifiers that made its shape.
 
     Args:

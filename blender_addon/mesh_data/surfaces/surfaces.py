@@ -232,6 +232,8 @@ def _find_broken_input(obj: Object) -> Message | None:
     """The reason why an object cannot be used, if it is its matrix or a shape key instead of the mesh."""
     if not np.isfinite(np.array(obj.matrix_world)).all():
         return message("Its location, rotation or scale is not finite: clear its transforms.")
+    if is_flat(obj):
+        return message("It or a parent has a scale of zero: change that scale.")
     keys = obj.original.data.shape_keys
     for key in [] if keys is None else keys.key_blocks[1:]:
         if not (np.isfinite(key.value) and np.isfinite(read_array(key.data, "co", np.float32, 3)).all()):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Operators whose work is a coroutine: with a window it runs in slices and ESC cancels it, else it runs at once.
+"""Operators whose work is a coroutine: with a window it runs in slices and ESC cancels it, otherwise it runs at once.
 
 They run in Object Mode, and restore the previous mode at the end, even after an error.
 """

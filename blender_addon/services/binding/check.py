@@ -10,7 +10,7 @@ from zoomout_core.arrays import Floats
 
 from ... import mesh_data
 from ...adapters import Binding, Settings
-from ...scene.pair import find_mesh, users_of_mesh
+from ...scene.pair import check_context, find_mesh, users_of_mesh
 
 
 def check_binding(context: Context, source_name: str, target_name: str, binding: Binding, settings: Settings) -> None:
@@ -23,6 +23,7 @@ def check_binding(context: Context, source_name: str, target_name: str, binding:
         binding: how to bind it.
         settings: how to transfer its weights.
     """
+    check_context(context)
     context.view_layer.update()  # a script may have moved objects since
     source, target = find_mesh(context, source_name), find_mesh(context, target_name)
     if binding.move_rig and not moves_vertices(source):
@@ -32,6 +33,7 @@ def check_binding(context: Context, source_name: str, target_name: str, binding:
             source=source.name,
         )
     _check_rig(source)
+    check_in_scene(context, source)
     if binding.move_rig:
         _check_movable(source, target)
     if settings.flip_names:
@@ -97,6 +99,17 @@ def _check_rig(source: Object) -> None:
             armatures=armature_names(source),
             source=source.name,
         )
+
+
+def check_in_scene(context: Context, obj: Object) -> None:
+    """Raise a MeshError if an armature that deforms an object is not in its scene, where nothing poses it."""
+    for armature in mesh_data.armatures_of(obj):
+        if context.scene.objects.get(armature.name) != armature:
+            raise zo.MeshError(
+                "The armature '{armature}' of '{name}' is not in this scene: link it to the scene first.",
+                armature=armature.name,
+                name=obj.name,
+            )
 
 
 def moves_vertices(source: Object) -> bool:

@@ -19,7 +19,7 @@ from zoomout_core.transfer import map_target
 from ... import mesh_data
 from ...adapters import FILL_BELOW
 from ...jobs import compute, run
-from ...scene.pair import find_mesh, name_of, writing
+from ...scene.pair import check_context, find_mesh, name_of, writing
 from ...scene.stored_pair import stored_pair
 from ..matching.made_match import BY_SCRIPT, MatchUse, find_match, push_match, store_and_stop
 from ..matching.pair_match import check_options
@@ -79,6 +79,7 @@ def move_armature(
         MeshError: the armature cannot be moved, or the objects cannot be matched; nothing was written.
         TypeError: an option of the match is unknown.
     """
+    check_context(context)
     use, names = MatchUse(force=force), (name_of(armature), name_of(source), name_of(target))
     return run(prepare_armature(context, *names, use, **match_options))()
 
@@ -133,7 +134,7 @@ def _move(match: Any, pair: mesh_data.ObjectPair, bones: mesh_data.RigBones) -> 
 def loose_armature(context: Context, sources: Iterable[str]) -> str:
     """The name of the armature to move without weights; empty if bones move a source, or it is ambiguous.
 
-    It is the one that a source is bound to without weights, else the only selected one.
+    It is the one that a source is bound to without weights, otherwise the only selected one.
     """
     names = set(sources)
     if len(names) != 1:

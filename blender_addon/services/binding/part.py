@@ -31,6 +31,7 @@ from ...storage.stored_match import Match
 from ..matching.made_match import BY_SCRIPT, MatchUse, find_match, push_match, store_and_stop
 from ..matching.pair_match import check_options
 from .bind import move_bones
+from .check import check_in_scene
 from .read import Rigged, read_rigged, weights_of_bones
 
 # Fraction of the progress for a new match.
@@ -103,6 +104,8 @@ async def add_bones_async(
 ) -> AddedBones:
     """Like `add_bones`, by the names of the objects, without blocking the window; see `prepare_transfer`."""
     check_options(match_options)
+    for name in (source, target):
+        check_in_scene(context, find_mesh(context, name))
     armature, own_armature = (_armature_of(find_mesh(context, name)).name for name in (source, target))
     if armature == own_armature:
         raise zo.MeshError(

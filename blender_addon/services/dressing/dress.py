@@ -14,7 +14,7 @@ from zoomout_core.arrays import Floats
 from zoomout_core.messages import plural, sentences
 from zoomout_core.outfits.joint_match import match_by_joints
 from zoomout_core.runtime.progress import portion, stage
-from zoomout_core.transfer import carry
+from zoomout_core.transfer import fit_to_shape
 
 from ... import mesh_data
 from ...jobs import compute, pause, run
@@ -25,6 +25,7 @@ from ..matching.made_match import BY_SCRIPT, MatchUse, find_match, store_and_sto
 from ..matching.pair_match import check_options
 from ..targets import Write
 from .fit import fit_worn, notes_on_hidden_skin, notes_on_stretch, rigged_bodies
+from .missing_skin import complete_fitting
 from .read import READING, Dressing, check_unchanged, read_fitting, read_worn_object
 from .write import write_copies
 
@@ -100,8 +101,10 @@ async def prepare_dress(
     fitting = await read_fitting(context, pair, things, dressing, left_out)
     found = await find_match(context, pair, MATCHING, use, match_options)
     verdict = None if isinstance(found.match, zo.ProximityMatch) else found.match.verdict
-    by_joints = None
-    if verdict is not None:
+    by_joints, completed = None, await compute(partial(complete_fitting, fitting))
+    if completed is not None:
+        fitting, by_joints = completed
+    elif verdict is not None:
         read = partial(rigged_bodies, fitting)
         by_joints = await compute(partial(match_by_joints, found.match.surface_map, verdict.level, read))
     if found.refused is not None and by_joints is None:
@@ -157,7 +160,9 @@ async def take_to_rest(context: Context, pair: ObjectPair, at_rest: Floats) -> W
     if not worn:
         return lambda: None
     skin, shapes = pair.target.with_vertices(at_rest), [each.shape for each in worn]
-    dressed = await compute(partial(carry, pair.target, at_rest, skin, shapes, keep=[each.mask for each in worn]))
+    dressed = await compute(
+        partial(fit_to_shape, pair.target, at_rest, skin, shapes, keep=[each.mask for each in worn])
+    )
 
     def write() -> None:
         check_unchanged(context, worn)

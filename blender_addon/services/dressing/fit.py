@@ -21,12 +21,13 @@ from zoomout_core.transfer import (
     Skeleton,
     WeightedBody,
     align_joints,
-    carry,
+    fit_to_shape,
     moving_with_skin,
     pair_bones,
     shape_of_source,
 )
 from zoomout_core.transfer.dressing.hidden_skin import keys_that_hide_skin
+from zoomout_core.transfer.dressing.missing_skin import place_by_bones
 from zoomout_core.transfer.rigging.joint_map import RiggedBody
 
 from ...mesh_data import BodyKeys, Bones, OutfitBones, Worn
@@ -85,14 +86,20 @@ def fit_worn(match: stored_match.Match | zo.SurfaceMap, fitting: Fitting, dressi
     """Fit the worn objects, and let them follow the target's keys."""
     with portion(0, SHAPING):
         shape = shape_of_source(match, fitting.source, fitting.target)
-    body, shape = _part(fitting.source, shape, fitting.is_body)
+    body, shape, _ = body_without_worn(fitting, shape)
     manners = [_manner(each, dressing.manner) for each in fitting.worn]
     with portion(SHAPING, FITTED):
         if fitting.rigs is not None and fitting.weights is not None:
             shape = _align(shape, body, fitting, fitting.rigs, fitting.weights)
-        dressed = carry(
+        placed = shape
+        if fitting.clothed is not None:
+            _, target = rigged_bodies(fitting)
+            by_bones = None if target is None else place_by_bones(fitting.clothed, shape, target)
+            if by_bones is not None:
+                placed, shape = by_bones
+        dressed = fit_to_shape(
             body,
-            shape,
+            placed,
             fitting.target,
             [each.shape for each in fitting.worn],
             manners=manners,
@@ -245,13 +252,14 @@ def notes_on_hidden_skin(hiding: Collection[str], source: str, target: str, own:
     return notes
 
 
-def _part(surface: zo.Surface, shape: Floats, kept: Booleans) -> tuple[zo.Surface, Floats]:
-    """The part of a surface with vertices `kept` (n,), if it has triangles, and its vertices in the new shape."""
+def body_without_worn(fitting: Fitting, shape: Floats) -> tuple[zo.Surface, Floats, Booleans]:
+    """The source without worn parts, if it has triangles, its vertices in a shape (n_s, 3), and which (n_s,) it has."""
+    surface, kept = fitting.source, fitting.is_body
     triangles = surface.triangles[kept[surface.triangles].all(axis=1)]
     if kept.all() or not len(triangles):
-        return surface, shape
+        return surface, shape, np.ones_like(kept)
     number = np.cumsum(kept) - 1
-    return zo.Surface(surface.vertices[kept], number[triangles]), shape[kept]
+    return zo.Surface(surface.vertices[kept], number[triangles]), shape[kept], kept
 
 
 def notes_on_stretch(worn: Sequence[Worn], dressed: Dressed) -> list[Message]:

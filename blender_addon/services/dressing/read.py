@@ -14,11 +14,13 @@ from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.messages import Message, warning
 from zoomout_core.runtime.progress import stage
 from zoomout_core.transfer import Manner
+from zoomout_core.transfer.dressing.missing_skin import ClothedBody
 
 from ... import mesh_data
 from ...jobs import pause
 from ...mesh_data import BodyKeys, ObjectPair, OutfitBones, Worn
 from ...scene.pair import edit_error, find_mesh
+from ..binding.check import check_in_scene
 from ..binding.read import read_sources_at_rest
 from .worn_weights import GroupWeights, read_group_weights
 
@@ -95,6 +97,7 @@ class Fitting:
         bones: names of the bones that move the target.
         active_keys: the shape keys of the source's bodies that are in use.
         notes: sentences for the user.
+        clothed: the source as a body whose missing skin is replaced by clothes; None if its skin is complete.
     """
 
     source: zo.Surface
@@ -107,6 +110,7 @@ class Fitting:
     bones: tuple[str, ...]
     active_keys: list[ActiveKeys]
     notes: list[Message]
+    clothed: ClothedBody | None = None
 
 
 async def read_fitting(
@@ -143,27 +147,9 @@ async def read_fitting(
     worn = await _read_all(context, chosen, at_rest, dressing.keep, left_out)
     # Objects that were found before a pause may be gone.
     target = find_mesh(context, pair.target_name)
-    if dressing.keep and all(each.mask is None for each in worn):
-        notes.append(
-            warning(
-                "None of the objects has a vertex group '{group}', so all of them follow the body: choose another one.",
-                group=dressing.keep,
-            )
-        )
-    keys = mesh_data.read_body_keys(target)
-    if keys is not None and not dressing.follow_keys:
-        if at_rest:  # copies without keys fit the target with the present values of its keys
-            onto = onto.with_vertices(onto.vertices + keys.at_rest)
-        keys = None
-    if keys is not None and not at_rest and not mesh_data.stands_as_modelled(target, onto.vertices - keys.displacement):
-        keys = None
-        notes.append(
-            warning(
-                "The objects have no keys for the shape keys of '{target}', because it is deformed: undo the "
-                "deformation, and dress it again.",
-                target=target.name,
-            )
-        )
+    notes += _notes_on_group(worn, dressing.keep)
+    onto, keys, notes_on_keys = _keys_to_follow(target, onto, dressing.follow_keys, at_rest)
+    notes += notes_on_keys
     weights = read_group_weights(context, pair, worn) if at_rest else None
     bones = mesh_data.read_bones(target).names
     worn_too = [name in chosen for name in pair.source_names]
@@ -171,6 +157,44 @@ async def read_fitting(
     bodies = [find_mesh(context, name) for name in pair.source_names if name not in chosen]
     active = [found for body in bodies if (found := _read_active_keys(body)) is not None]
     return Fitting(surface, onto, is_body, worn, keys, rigs, weights, bones, active, notes)
+
+
+def _notes_on_group(worn: Sequence[Worn], keep: str) -> list[Message]:
+    """A warning if no object has the vertex group of the parts that keep their form."""
+    if not keep or any(each.mask is not None for each in worn):
+        return []
+    return [
+        warning(
+            "None of the objects has a vertex group '{group}', so all of them follow the body: choose another one.",
+            group=keep,
+        )
+    ]
+
+
+def _keys_to_follow(
+    target: Object, onto: zo.Surface, follow: bool, at_rest: bool
+) -> tuple[zo.Surface, BodyKeys | None, list[Message]]:
+    """The surface to fit copies to, the target's shape keys that they follow, if any, and notes.
+
+    Args:
+        target: the target.
+        onto: its matched surface, in the pose for the fitting.
+        follow: whether copies should follow its shape keys.
+        at_rest: whether copies are fitted in the rest pose.
+    """
+    keys = mesh_data.read_body_keys(target)
+    if keys is None:
+        return onto, None, []
+    if not follow:  # copies without keys fit the target with the present values of its keys
+        return onto.with_vertices(onto.vertices + keys.at_rest) if at_rest else onto, None, []
+    if at_rest or mesh_data.stands_as_modelled(target, onto.vertices - keys.displacement):
+        return onto, keys, []
+    note = warning(
+        "The objects have no keys for the shape keys of '{target}', because it is deformed: undo the "
+        "deformation, and dress it again.",
+        target=target.name,
+    )
+    return onto, None, [note]
 
 
 def _read_active_keys(body: Object) -> ActiveKeys | None:
@@ -227,13 +251,18 @@ async def _read_all(
 
 
 def _read_rigs(context: Context, pair: ObjectPair, worn: Sequence[str]) -> Rigs | None:
-    """The armatures of the source and of the target, if both have different ones, and the target's may be changed."""
+    """The armatures of the source and of the target, if both have different ones, and the target's may be changed.
+
+    Raises:
+        MeshError: the source's is not in the scene.
+    """
     source, target = (find_mesh(context, name) for name in (pair.source_name, pair.target_name))
     of_source, of_target = mesh_data.armatures_of(source), mesh_data.armatures_of(target)
     if not of_source or not of_target or set(of_source) & set(of_target):
         return None
     if of_target[0].data.library is not None or of_target[0].name not in context.view_layer.objects:
         return None
+    check_in_scene(context, source)
     bodies = [find_mesh(context, name) for name in pair.source_names if name not in worn]
     objects = [context.scene.objects[name] for name in worn if name in context.scene.objects]
     outfit = mesh_data.read_outfit_bones(of_source[0], of_target[0], bodies, objects)

@@ -27,6 +27,7 @@ from ...jobs import compute, pause, run
 from ...mesh_data import Fingerprint, ObjectPair
 from ...scene.pair import (
     READING,
+    check_context,
     check_distinct,
     check_not_edited,
     find_mesh,
@@ -61,6 +62,7 @@ def match_collections(
     Raises:
         MeshError: an object cannot be used; nothing was written.
     """
+    check_context(context)
     return run(match_collections_async(context, name_of(source), name_of(target), **options))
 
 

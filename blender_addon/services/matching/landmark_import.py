@@ -10,7 +10,7 @@ from mathutils import Vector
 import zoomout_core as zo
 from zoomout_core.matching.pair import MAX_LANDMARK_DISTANCE
 from zoomout_core.messages import message
-from zoomout_core.transfer.keys.key_names import COPY
+from zoomout_core.transfer.keys.key_words import COPY
 
 from ...mesh_data import (
     SurfacePoint,

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from zoomout_core.arrays import Floats
-from zoomout_core.transfer.keys.key_names import COPY, SIDES, words_of
+from zoomout_core.transfer.keys.key_words import COPY, SIDES, words_of
 
 # A word that at least this fraction of a character's objects share, and the other character lacks, is its own name.
 OWN_NAME = 0.75

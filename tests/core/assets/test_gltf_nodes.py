@@ -17,7 +17,8 @@ from vrm_files import BODY, FACE, HAT, replace_tree, tree_of, write_avatar
 from zoomout_core.assets.asset import SHAPE_KEYS, Asset, Material
 from zoomout_core.assets.files import read_asset, write_asset
 from zoomout_core.mesh.errors import MeshError
-from zoomout_core.mesh.formats.gltf_document import Buffer, Document
+from zoomout_core.mesh.formats.gltf_buffer import Buffer
+from zoomout_core.mesh.formats.gltf_document import Document
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.samples.spheres import ball
 

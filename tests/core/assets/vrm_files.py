@@ -12,7 +12,7 @@ import numpy as np
 import pygltflib as gltf
 from skinned_tubes import PNG
 
-from zoomout_core.mesh.formats.gltf_document import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, Buffer
+from zoomout_core.mesh.formats.gltf_buffer import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, Buffer
 from zoomout_core.mesh.formats.gltf_files import parse_gltf
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.samples.spheres import ball

@@ -9,6 +9,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from html import escape
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -23,14 +24,14 @@ from zoomout_core.assets.transfer_asset import KINDS
 from zoomout_core.cli import main
 from zoomout_core.collection import run as run_module
 from zoomout_core.collection import tasks
-from zoomout_core.collection.carried import PairTransfer
-from zoomout_core.collection.carry import carry
 from zoomout_core.collection.collection import match_collection
 from zoomout_core.collection.engine import Done, InThisProcess, Task
 from zoomout_core.collection.pair_map import CandidateMaps, PairName, load_candidate_maps
 from zoomout_core.collection.report import figures_of_collection, lines_of_collection, page_of
 from zoomout_core.collection.shapes import Item
 from zoomout_core.collection.tasks import Prepared, place_of_map
+from zoomout_core.collection.transfer_records import PairTransfer
+from zoomout_core.collection.transfer_template import transfer_template
 from zoomout_core.matching.options import MatchOptions
 from zoomout_core.matching.preparation import memory_cache
 from zoomout_core.matching.presets import DETAIL
@@ -273,7 +274,7 @@ def test_unlikely_maps_transfer_nothing_unless_forced(
         agreement=None,
         failures={},
     )
-    received = carry(doubted, "a", KINDS, "glb", InThisProcess(), force=force)
+    received = transfer_template(doubted, "a", KINDS, "glb", InThisProcess(), force=force)
     assert list(received) == (["b"] if force else [])
     assert (matched.folder / "meshes" / "b.glb").exists() == force
     if not force:
@@ -350,7 +351,7 @@ def test_transfer_that_was_interrupted_is_repeated(
 
     size = rig(True)
     with monkeypatch.context() as patch:
-        patch.delattr(tasks, "write_carried")
+        patch.delattr(tasks, "write_outcome")
         with pytest.raises(NameError):
             rig(False)
     assert rig(True) == pytest.approx(size)
@@ -383,6 +384,32 @@ def test_command_refuses_conflicting_options(folder: Path, tmp_path: Path, argum
     result = CliRunner().invoke(main, ["collection", str(folder), "-o", str(tmp_path / "out"), *arguments])
     assert result.exit_code == (1 if "--output" in arguments else 2)
     assert said in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("pairs", "said"),
+    [
+        ("some", "pairs is 'some': give 'all', or a list of pairs"),
+        (7, "pairs is 7: give 'all', or a list of pairs"),
+        ([(0, 1)], r"A pair is \(0, 1\): give the names"),
+        ([7], "A pair is 7: give the names"),
+        (["ab"], "A pair is 'ab': give the names"),
+        ((each for each in [("a", "b", "c")]), r"A pair is \('a', 'b', 'c'\): give the names"),
+        ([("a", "other")], "has no shape named other: give its file name"),
+    ],
+    ids=str,
+)
+def test_pairs_that_are_no_names_are_refused(folder: Path, tmp_path: Path, pairs: Any, said: str) -> None:
+    with pytest.raises(MeshError, match=said):
+        match_collection(sorted(folder.iterdir()), tmp_path / "out", pairs=pairs, options=FAST)
+
+
+def test_the_cache_of_a_collection_must_be_a_folder(folder: Path, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    arguments = ["collection", folder, "-o", tmp_path / "out", "--cache", tmp_path / "file"]
+    result = CliRunner().invoke(main, [*map(str, arguments)])
+    assert (result.exit_code, "file cannot be written to: choose another folder." in result.stderr) == (1, True)
+    assert not (tmp_path / "out").exists()
 
 
 def test_notes_of_a_pair_list_parts_of_the_source_by_name(tmp_path: Path) -> None:

@@ -13,8 +13,8 @@ from creatures import creature
 
 from zoomout_core.assets.files import read_asset
 from zoomout_core.cli import main
-from zoomout_core.collection.carried import PairTransfer
-from zoomout_core.collection.through_blender import carry_pair
+from zoomout_core.collection.through_blender import transfer_pair_through_blender
+from zoomout_core.collection.transfer_records import PairTransfer
 from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats import blender_files
 from zoomout_core.mesh.formats.blender_files import blender_command
@@ -168,7 +168,7 @@ def test_transfer_that_ends_early_has_no_record(program: Path, folder: Path, tmp
     map_file.touch()
     paths = folder / "hero.blend", folder / "naked.blend", map_file, tmp_path / "made.blend"
     with pytest.raises(MeshError, match="It is naked"):
-        carry_pair(PairTransfer(*paths, ("uv",), record), str(program))
+        transfer_pair_through_blender(PairTransfer(*paths, ("uv",), record), str(program))
     assert not record.exists()
 
 

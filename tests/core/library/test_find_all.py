@@ -18,7 +18,7 @@ import zoomout_core as zo
 from zoomout_core.assets.asset import Asset, Skin
 from zoomout_core.assets.files import read_asset, write_asset
 from zoomout_core.cli import main
-from zoomout_core.collection.carried import Carried, PairTransfer
+from zoomout_core.collection.transfer_records import PairTransfer, TransferOutcome
 from zoomout_core.colors import place_colors
 from zoomout_core.library import find_all as batch
 from zoomout_core.library import transfers
@@ -141,19 +141,19 @@ def test_blender_transfers_from_its_own_files(
         read.append((path, role, known))
         write_shape(zo.read_surface(library / "hero.glb" if role == "source" else path), output)
 
-    def carry_pair(transfer: PairTransfer, program: str | None) -> Carried:
+    def transfer_pair_through_blender(transfer: PairTransfer, program: str | None) -> TransferOutcome:
         assert (transfer.source, transfer.target, program) == (best.path, scans / "scan.ply", None)
         zo.SurfaceMap.load(transfer.map_file, zo.read_surface(library / "hero.glb"))
         assert transfer.move_rig is moves
         transfer.output.parent.mkdir(parents=True)
         transfer.output.write_text("written by Blender")
-        return Carried(("Blender said this.",))
+        return TransferOutcome(("Blender said this.",))
 
     drawn: list[np.ndarray] = []
     draw_pair = batch.draw_pair
     monkeypatch.setattr(batch, "draw_pair", lambda result: drawn.append(result.source.vertices) or draw_pair(result))
     monkeypatch.setattr(transfers, "read_item", read_item)
-    monkeypatch.setattr(transfers, "carry_pair", carry_pair)
+    monkeypatch.setattr(transfers, "transfer_pair_through_blender", transfer_pair_through_blender)
     code, report = run(scans / "scan.ply", "--library", library, "-o", tmp_path / "out", option, "--force")
     assert not report["failures"]
     (row,) = report["targets"]

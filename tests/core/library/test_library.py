@@ -349,3 +349,32 @@ def test_user_errors_are_reported(tmp_path: Path, target: zo.Surface) -> None:
     assert "There is no folder" in json.loads(said)["error"]
     code, said = run("find", "scan.ply", "--library", "a", "--library", "b", "--index", "c", "--json")
     assert code == 2
+
+
+def test_a_folder_without_meshes_is_refused_and_gets_no_index(tmp_path: Path) -> None:
+    (tmp_path / "notes.txt").write_text("No mesh.")
+    ran = CliRunner().invoke(main, ["library", str(tmp_path)])
+    assert ran.exit_code == 1
+    assert "contain no meshes: check the path" in ran.output
+    assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
+
+
+def test_a_changed_file_counts_as_not_prepared(tmp_path: Path, instant: None) -> None:
+    for name in ("a.ply", "b.ply"):
+        write_shape(ball(), tmp_path / name)
+    library = zo.Library(tmp_path)
+    library.prepare()
+    os.utime(tmp_path / "a.ply", (1, 1))  # such as in a copy of the folder
+    assert not library.new_files()
+    (tmp_path / "b.ply").write_bytes(b"junk")
+    assert library.new_files() == [tmp_path / "b.ply"]
+
+
+@pytest.mark.parametrize("place", ["", "results"])
+def test_found_sources_are_not_transferred_into_the_library(place: str, folder: Path, tmp_path: Path) -> None:
+    """The next preparation would take the results for characters."""
+    arguments = ["find", str(folder / "tailless.ply"), "--library", str(folder), "-o", str(folder / place)]
+    for option in ("--transfer", "--move-rig"):
+        ran = CliRunner().invoke(main, [*arguments, option])
+        assert ran.exit_code == 1
+        assert "which would take the results for its characters: choose another output folder" in ran.output

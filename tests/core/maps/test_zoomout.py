@@ -16,7 +16,7 @@ from zoomout_core import (
     zoomout,
     zoomout_both_ways,
 )
-from zoomout_core.maps.functional_map import functional_map_of, vertex_map_of
+from zoomout_core.maps.functional_map import frequency_error, functional_map_of, vertex_map_of
 from zoomout_core.maps.nearest import MIN_CLUSTERED_PAIRS, nearest, nearest_among
 from zoomout_core.maps.sampled_basis import SampledBasis
 from zoomout_core.mesh.surface import Surface
@@ -351,3 +351,15 @@ def test_nearest_neighbours_are_found_among_duplicates() -> None:
     points = np.repeat(np.eye(20), 600, axis=0)
     found = nearest(points + 0.01, points)
     np.testing.assert_array_equal(points[found], points)
+
+
+@pytest.mark.parametrize(
+    ("shape", "source", "target"), [((3,), 3, 3), ((3, 4), 3, 3), ((4, 3), 3, 3), ((0, 3), 3, 3), ((2, 2, 2), 3, 3)]
+)
+def test_errors_of_maps_need_an_eigenvalue_for_each_row_and_column(
+    shape: tuple[int, ...], source: int, target: int
+) -> None:
+    for error in (commutativity_error, frequency_error):
+        with pytest.raises(ValueError, match=r"does not fit eigenvalues of shapes \(3,\) of the source"):
+            error(np.ones(shape), np.arange(source), np.arange(target))
+        assert error(np.eye(2), np.arange(source), np.arange(target)) == 0

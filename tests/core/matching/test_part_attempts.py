@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
@@ -37,7 +38,7 @@ LARGE, SMALL = 1.0, 0.5
 
 def candidate(certainty: float, sample_map: np.ndarray) -> Candidate:
     nothing = np.zeros((0, 0))
-    return Candidate("", False, False, nothing, nothing, sample_map, None, None, certainty, {})
+    return Candidate("", False, False, nothing, nothing, sample_map, None, None, certainty, {"fit": 0.0, "extent": 1.0})
 
 
 @dataclass(frozen=True)
@@ -120,6 +121,28 @@ def test_more_certain_map_wins_if_the_part_is_likely_at_all(
     assert choose_map(monkeypatch, by_whole, by_part) == (taken, expected)
 
 
+@pytest.mark.parametrize(
+    ("by_whole", "by_part", "fragments", "taken"),
+    [(0.1, 0.01, True, "part"), (0.8, 0.01, True, "part"), (0.95, 0.01, True, "whole"), (0.1, 0.01, False, "whole")],
+)
+def test_unlikely_map_of_fragments_wins_unless_that_of_the_wholes_is_certain(
+    monkeypatch: pytest.MonkeyPatch, by_whole: float, by_part: float, fragments: bool, taken: str
+) -> None:
+    expected = by_part if taken == "part" else by_whole
+    assert choose_map(monkeypatch, by_whole, by_part, fragments=fragments) == (taken, expected)
+
+
+@pytest.mark.parametrize(("of_fit", "searched"), [(0.1, True), (0.2, False)])
+def test_no_other_unit_is_tried_if_one_map_of_fragments_fits_in_spite_of_rivals(
+    monkeypatch: pytest.MonkeyPatch, of_fit: float, searched: bool
+) -> None:
+    tried = []
+    monkeypatch.setattr(sys.modules[__name__], "without_fragment", lambda *_: tried.append(True))
+    monkeypatch.setattr(retry_module, "certainty_of_fit", lambda _: of_fit)
+    assert choose_map(monkeypatch, 0.1, 0.05, fragments=True) == ("part", 0.05)
+    assert bool(tried) == searched
+
+
 @pytest.mark.parametrize(("by_part", "taken"), [(0.5, "part"), (0.4, "part"), (0.3, "whole")])
 def test_whole_map_of_a_small_part_counts_for_less(monkeypatch: pytest.MonkeyPatch, by_part: float, taken: str) -> None:
     expected = by_part if taken == "part" else 0.7
@@ -142,7 +165,7 @@ def test_whole_map_of_fragments_counts_only_as_a_part_map(
     monkeypatch: pytest.MonkeyPatch, areas: tuple[float, float]
 ) -> None:
     assert choose_map(monkeypatch, 0.5, 0.3, areas, fragments=True) == ("part", 0.3)
-    assert choose_map(monkeypatch, 0.4, 0.1, areas, fragments=True) == ("whole", 0.4)
+    assert choose_map(monkeypatch, 0.95, 0.1, areas, fragments=True) == ("whole", 0.95)
 
 
 @pytest.mark.parametrize("fragments", [False, True])

@@ -8,7 +8,7 @@ import pytest
 
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.mesh.mirror_pairs import mirror_moves, mirror_pairs
-from zoomout_core.mesh.simplification import collapsing_mesh
+from zoomout_core.mesh.simplification import folds
 from zoomout_core.mesh.simplification import simplify as simplification
 from zoomout_core.mesh.simplification.collapsing_mesh import KEPT_TRIANGLES, CollapsingMesh
 from zoomout_core.mesh.simplification.quadrics import SIMPLIFICATION
@@ -214,7 +214,7 @@ def test_sides_of_a_thin_part_do_not_merge(monkeypatch: pytest.MonkeyPatch) -> N
         return float(np.linalg.det(points[made[made[:, 0] < len(cube)]]).sum() / np.linalg.det(points[slab]).sum())
 
     assert volume_of_slab() > 0.3
-    monkeypatch.setattr(collapsing_mesh, "MIN_OPENING", 0.0)
+    monkeypatch.setattr(folds, "MIN_OPENING", 0.0)
     assert volume_of_slab() < 0.05
 
 
@@ -230,5 +230,5 @@ def test_sheets_with_two_sides_are_simplified(monkeypatch: pytest.MonkeyPatch) -
         return len(np.unique(triangles.ravel()[corners]))
 
     assert vertices_left() <= 12
-    monkeypatch.setattr(collapsing_mesh, "KEPT_OPENING", 9.0)
+    monkeypatch.setattr(folds, "KEPT_OPENING", 9.0)
     assert vertices_left() > 18

@@ -13,7 +13,7 @@ from zoomout_core.assets.asset import MATERIALS
 from zoomout_core.assets.files import read_asset
 from zoomout_core.assets.stored_map import StoredMap
 from zoomout_core.mesh.errors import MeshError
-from zoomout_core.outfits.parts import hair_objects, is_hair, keep_faces, split_avatar
+from zoomout_core.outfits.parts import are_of_body, hair_objects, is_hair, keep_faces, split_avatar
 
 
 def test_body_and_worn_parts_are_separated_by_name(dolls: Path) -> None:
@@ -30,7 +30,7 @@ def test_naked_avatar_is_all_body(dolls: Path) -> None:
     body, worn = split_avatar(asset, wears=False)
     assert worn is None
     np.testing.assert_array_equal(body.surface.vertices, asset.surface.vertices)
-    with pytest.raises(MeshError, match=r"\('skin material/Skin'\): name those of the body with --body"):
+    with pytest.raises(MeshError, match=r"\('skin material/Skin'\): give .*, or name those of the body with --body"):
         split_avatar(asset)
 
 
@@ -40,6 +40,14 @@ def test_patterns_select_the_body(dolls: Path) -> None:
     assert [name for name, _ in body.objects] == ["Skin", "Shirt"]
     assert worn is not None
     assert [name for name, _ in worn.objects] == ["Trousers"]
+
+
+def test_patterns_of_outfits_do_not_empty_other_avatars(dolls: Path) -> None:
+    asset = read_asset(dolls / "dressed.glb")
+    body, worn = split_avatar(asset, ["Torso*"], wears=False)
+    assert [name for name, _ in body.objects] == ["Skin"]
+    assert worn is not None
+    assert [name for name, _ in worn.objects] == ["Shirt", "Trousers"]
 
 
 def test_kept_faces_keep_their_data(dolls: Path) -> None:
@@ -104,3 +112,17 @@ def test_hair_of_a_file_is_recognised(dolls: Path) -> None:
     materials = [replace(each, name="Hair") if number == last else each for number, each in enumerate(worn.materials)]
     hair = replace(worn, materials=tuple(materials), objects=(worn.objects[0], ("Mesh", trousers[1])))
     assert hair_objects(hair) == [False, True]
+
+
+def test_patterns_that_choose_nothing_or_everything_are_named() -> None:
+    names = [("Skin",), ("Shirt",)]
+    for wears in (True, False):
+        with pytest.raises(MeshError, match=r"--body matches none of its parts \('Skin', 'Shirt'\): correct"):
+            are_of_body(names, ["Robe*"], wears=wears)
+    with pytest.raises(MeshError, match=r"All of its parts belong to the body .* an avatar that wears something"):
+        are_of_body(names, ["S*"])
+    assert are_of_body(names, ["S*"], wears=False) == [True, True]
+    with pytest.raises(MeshError, match="All of its parts belong to the body"):
+        are_of_body([("Skin",), ("Face",)])
+    with pytest.raises(MeshError, match="name those of the body with --body"):
+        are_of_body([("Thing",), ("Other",)])

@@ -16,15 +16,20 @@ from zoomout_core.assets.asset import SHAPE_KEYS, Asset
 from zoomout_core.assets.files import read_asset
 from zoomout_core.assets.gltf.append import append_to_gltf
 from zoomout_core.geometry.procrustes import procrustes
+from zoomout_core.matching.report.verdict import AMBER, GREEN, Verdict
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.outfits import skeleton
+from zoomout_core.outfits import rigged_avatar
 from zoomout_core.outfits.check import REST, SPREAD, SWING, check_outfit
 from zoomout_core.outfits.dress_avatar import DressedAvatar, dress_avatar
-from zoomout_core.outfits.parts import AvatarParts, split_avatar
+from zoomout_core.outfits.dress_file import DressedFile, OutfitName, dress_file
+from zoomout_core.outfits.gltf_files import GltfFiles
+from zoomout_core.outfits.parts import AvatarParts, keep_faces, split_avatar
 from zoomout_core.outfits.pictures import HEIGHT, WIDTH, draw_outfit
+from zoomout_core.outfits.rigged_avatar import complete_avatar
 from zoomout_core.transfer.dressing.joint_alignment import JointPairs
+from zoomout_core.transfer.dressing.missing_skin import PLACED_BY_BONES, PLACED_BY_SHAPE
 from zoomout_core.transfer.dressing.posed_contact import POSED_CONTACT
-from zoomout_core.transfer.rigging import humanoid
+from zoomout_core.transfer.rigging import humanoid, joint_map
 from zoomout_core.tuning import retune
 
 WIDER = np.array([1.15, 1, 1])
@@ -55,7 +60,7 @@ def test_joints_of_both_avatars_place_the_clothes(
         given.append(joints)
         return shape + np.array([0, 0, 5])
 
-    monkeypatch.setattr(skeleton, "align_joints", align)
+    monkeypatch.setattr(rigged_avatar, "align_joints", align)
     assert parts.worn is not None
     assert target.skin is not None
     alike = replace(target, skin=replace(target.skin, names=tuple(HEIGHTS)))
@@ -125,6 +130,57 @@ def test_joints_of_hidden_skin_have_partners(
     assert found.clothes.skin is not None
     assert found.clothes.skin.weights[:, [2]].nnz
     assert found.notes == ("3 joints of the outfit were added to the avatar.",)
+
+
+def test_clothes_are_placed_by_bones_where_their_avatar_has_no_skin(
+    parts: AvatarParts, target: Asset, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for module in (humanoid, joint_map):
+        monkeypatch.setattr(module, "MIN_BONES", len(HEIGHTS))
+    assert complete_avatar(parts) == (parts.body, None)
+    surface, worn = parts.body.surface, parts.worn
+    assert worn is not None
+    assert target.skin is not None
+    head = keep_faces(parts.body, surface.vertices[surface.triangles][:, :, 1].min(axis=1) > HEIGHTS["Head"])
+    body, clothed = complete_avatar(AvatarParts(head, worn))
+    assert clothed is not None
+    assert clothed.skin == len(head.surface.vertices) < len(body.surface.vertices)
+    assert body.skin is not None
+    assert not body.skin.weights[:, len(HEIGHTS) :].nnz  # the outfit's own joints move no skin
+    alike = replace(target, skin=replace(target.skin, names=tuple(HEIGHTS)))
+    shape = body.surface.vertices * WIDER
+    shape[clothed.skin :] += [0, 0, 3]  # a map of skin is wrong there
+    made = dress_avatar(shape, body, worn, alike, clothed=clothed)
+    assert [joint.name for joint in made.joints] == list(CHAIN)
+    assert made.missing_skin is not None
+    assert made.missing_skin.template == PLACED_BY_BONES
+    off = np.linalg.norm(made.clothes.surface.vertices - worn.surface.vertices * WIDER, axis=1)
+    assert off.mean() < 0.2  # of a height of 6
+    unknown = replace(target, skin=replace(target.skin, names=("A", "B", "C")))
+    by_shape = dress_avatar(shape, body, worn, unknown, clothed=clothed)
+    assert by_shape.missing_skin is not None
+    assert by_shape.missing_skin.template == PLACED_BY_SHAPE
+
+
+@pytest.mark.parametrize("level", [GREEN, AMBER])
+def test_a_doubtful_verdict_names_missing_skin(
+    level: str, parts: AvatarParts, target: Asset, dressed: DressedAvatar, tmp_path: Path
+) -> None:
+    class Files(GltfFiles):
+        def dress(self, outfit: Path, avatar: Path, map_file: Path, output: Path) -> DressedFile:
+            output.touch()
+            triangles = target.surface.triangles, dressed.clothes.surface.triangles
+            return DressedFile(checked, triangles, dressed.clothes.objects, 0, (), "No skin.")
+
+    assert parts.worn is not None
+    checked = check_outfit(parts.body.surface, parts.worn.surface, dressed, target)
+    assert checked.verdict.level == GREEN
+    names = [tmp_path / name for name in ("outfit.glb", "avatar.glb", "map.npz")]
+    for path in names:
+        path.touch()
+    verdict = Verdict(level, "The match.", "")
+    worn, _ = dress_file(*names, tmp_path / "out", OutfitName("outfit", "avatar"), Files(), verdict)
+    assert worn.sentence == ("The match. No skin." if level == AMBER else "The match.")
 
 
 def without_head(body: Asset) -> Asset:

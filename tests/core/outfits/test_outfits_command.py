@@ -146,3 +146,13 @@ def test_restart_keeps_earlier_results_if_no_engine_starts(tmp_path: Path, monke
     outcome = CliRunner().invoke(main, ["outfits", *files, "-o", str(tmp_path / "out"), "--restart"])
     assert (outcome.exit_code, "No engine." in outcome.output) == (1, True)
     assert record.exists()
+
+
+@pytest.mark.parametrize(("option", "value"), [("--gap", "nan"), ("--gap", "inf"), ("--stiffness", "nan")])
+def test_numbers_that_describe_no_fit_are_refused_before_work(
+    option: str, value: str, dolls: Path, tmp_path: Path
+) -> None:
+    ran = run(dolls / "dressed.glb", dolls / "naked.glb", "-o", tmp_path / "out", option, value)
+    assert ran.exit_code == 1
+    assert f"{option[2:]} is {value}: give a" in ran.output
+    assert not list(tmp_path.iterdir())

@@ -12,7 +12,8 @@ import pytest
 from zoomout_core.drawing import encode_png
 from zoomout_core.matching.report.verdict import AMBER, GREEN, RED
 from zoomout_core.messages import message, warning
-from zoomout_core.outfits.batch import OutfitName, OutfitsResult, Worn, place_of_picture
+from zoomout_core.outfits.batch import OutfitsResult
+from zoomout_core.outfits.dress_file import OutfitName, Worn, place_of_picture
 from zoomout_core.outfits.report import page_of, write_reports
 from zoomout_core.runtime.outputs import write_whole
 from zoomout_core.translations import language_of, user_locale

@@ -9,8 +9,8 @@ import pytest
 import zoomout_core as zo
 from zoomout_core.geometry.procrustes import procrustes
 from zoomout_core.samples.spheres import ball
+from zoomout_core.transfer.dressing.barriers import CONTACT, SidedSurface
 from zoomout_core.transfer.dressing.body_keys import BODY_KEYS
-from zoomout_core.transfer.dressing.contact import CONTACT, SidedSurface
 from zoomout_core.tuning import retune
 
 BODY = ball(1, count=2500, seed=3)

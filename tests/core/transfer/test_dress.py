@@ -14,8 +14,8 @@ from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import edge_lengths, unique_edges
 from zoomout_core.runtime.progress import Progress
 from zoomout_core.samples.spheres import ball
-from zoomout_core.transfer import Lines, carry, dress
-from zoomout_core.transfer.dressing.contact import CONTACT, SidedSurface
+from zoomout_core.transfer import Lines, dress, fit_to_shape
+from zoomout_core.transfer.dressing.barriers import CONTACT, SidedSurface
 from zoomout_core.transfer.dressing.following import FOLLOWING
 from zoomout_core.transfer.dressing.solid_parts import SOLID
 from zoomout_core.tuning import retune
@@ -60,12 +60,12 @@ def similar(points: np.ndarray, rest: np.ndarray) -> float:
 
 def test_clothes_keep_their_distance_to_the_skin_in_every_unit() -> None:
     shirt = shell(1.06)
-    carried = carry(BODY, EGG.vertices, EGG, [shirt])
+    carried = fit_to_shape(BODY, EGG.vertices, EGG, [shirt])
     worn = shirt.triangles.ravel()
     off = off_egg(carried.vertices[0][worn])
     assert abs(np.median(off) - 0.06) < 0.01
     assert off.min() > 0.035
-    small = carry(BODY, EGG.vertices / 1e4, EGG.with_vertices(EGG.vertices / 1e4), [shirt])
+    small = fit_to_shape(BODY, EGG.vertices / 1e4, EGG.with_vertices(EGG.vertices / 1e4), [shirt])
     np.testing.assert_allclose(small.vertices[0], carried.vertices[0] / 1e4, rtol=0, atol=1e-6)
     assert not carried.notes
 
@@ -96,17 +96,17 @@ def test_clothes_are_not_pushed_into_the_skin() -> None:
     shirt = shell(1.02)
     worn = np.unique(shirt.triangles)
     with retune(CONTACT, rounds=0):
-        sunk = carry(BODY, noisy(0.05), EGG, [shirt])
+        sunk = fit_to_shape(BODY, noisy(0.05), EGG, [shirt])
     assert (off_egg(sunk.vertices[0][worn]) < 0).mean() > 0.1
     assert "still intersect the skin" in sunk.notes[0]
-    held = carry(BODY, noisy(0.05), EGG, [shirt])
+    held = fit_to_shape(BODY, noisy(0.05), EGG, [shirt])
     assert off_egg(held.vertices[0][worn]).min() > 0
     assert not held.notes
 
 
 def test_requested_gap_is_kept() -> None:
     shirt = shell(1.02)
-    found = carry(BODY, EGG.vertices, EGG, [shirt], gap=0.05 * SIZE)
+    found = fit_to_shape(BODY, EGG.vertices, EGG, [shirt], gap=0.05 * SIZE)
     assert off_egg(found.vertices[0][np.unique(shirt.triangles)]).min() > 0.04
 
 
@@ -114,8 +114,8 @@ def test_shallow_penetration_is_resolved() -> None:
     shirt = shell(0.99)
     worn = np.unique(shirt.triangles)
     with retune(CONTACT, mended=0.0):
-        assert off_egg(carry(BODY, EGG.vertices, EGG, [shirt]).vertices[0][worn]).max() < 0
-    assert off_egg(carry(BODY, EGG.vertices, EGG, [shirt]).vertices[0][worn]).min() > -0.002
+        assert off_egg(fit_to_shape(BODY, EGG.vertices, EGG, [shirt]).vertices[0][worn]).max() < 0
+    assert off_egg(fit_to_shape(BODY, EGG.vertices, EGG, [shirt]).vertices[0][worn]).min() > -0.002
 
 
 def test_skin_does_not_penetrate_large_faces() -> None:
@@ -126,7 +126,7 @@ def test_skin_does_not_penetrate_large_faces() -> None:
     place /= np.linalg.norm(place)
     bump = 1 + 0.08 * np.exp(-(np.linalg.norm(BODY.vertices - place, axis=1, keepdims=True) ** 2) / 0.003)
     bumpy = BODY.with_vertices(BODY.vertices * bump)
-    worn = carry(BODY, BODY.vertices, bumpy, [shirt]).vertices[0]
+    worn = fit_to_shape(BODY, BODY.vertices, bumpy, [shirt]).vertices[0]
     corners = worn[corner]
     normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
     normal *= np.sign(normal @ place) / np.linalg.norm(normal)
@@ -144,7 +144,7 @@ def test_layers_keep_their_order(in_one_object: bool) -> None:
     def between() -> float:
         """Smallest distance (2nd percentile) of the jacket from the shirt, by their radii."""
         worn_things = [Surface.joined([shirt, jacket])] if in_one_object else [shirt, jacket]
-        every = np.concatenate(carry(BODY, noisy(0.1), EGG, worn_things).vertices)
+        every = np.concatenate(fit_to_shape(BODY, noisy(0.1), EGG, worn_things).vertices)
         under, over = np.split(every, [len(shirt.vertices)])
         middles = under[shirt.triangles].mean(axis=1)
         near = nearest(over[worn], middles)
@@ -161,8 +161,8 @@ def test_intersecting_outfits_do_not_displace_each_other() -> None:
 
     def displaced() -> float:
         """Greatest displacement of either by the other one, relative to the size."""
-        together = carry(BODY, EGG.vertices, EGG, [shirt, other]).vertices
-        alone = [carry(BODY, EGG.vertices, EGG, [each]).vertices[0] for each in (shirt, other)]
+        together = fit_to_shape(BODY, EGG.vertices, EGG, [shirt, other]).vertices
+        alone = [fit_to_shape(BODY, EGG.vertices, EGG, [each]).vertices[0] for each in (shirt, other)]
         return max(float(np.abs(a - b).max()) / SIZE for a, b in zip(together, alone, strict=True))
 
     assert displaced() == 0
@@ -172,18 +172,18 @@ def test_intersecting_outfits_do_not_displace_each_other() -> None:
 
 def test_solid_parts_keep_their_shape() -> None:
     eye = ball(0.06, centre=(0, 0, 1.02), count=100)
-    found = carry(BODY, EGG.vertices, EGG, [eye])
+    found = fit_to_shape(BODY, EGG.vertices, EGG, [eye])
     assert similar(found.vertices[0], eye.vertices) < 1e-6
     with retune(SOLID, small=0.0):
-        assert similar(carry(BODY, EGG.vertices, EGG, [eye]).vertices[0], eye.vertices) > 0.01
-    soft = carry(BODY, EGG.vertices, EGG, [eye], manners=["soft"])
+        assert similar(fit_to_shape(BODY, EGG.vertices, EGG, [eye]).vertices[0], eye.vertices) > 0.01
+    soft = fit_to_shape(BODY, EGG.vertices, EGG, [eye], manners=["soft"])
     assert similar(soft.vertices[0], eye.vertices) > 0.01
 
 
 def test_button_follows_its_shirt() -> None:
     shirt, button = shell(1.03), ball(0.02, centre=(0, 0, 1.055), count=60)
     both = Surface.joined([shirt, button])
-    found = carry(BODY, noisy(0.05), EGG, [both]).vertices[0]
+    found = fit_to_shape(BODY, noisy(0.05), EGG, [both]).vertices[0]
     place = found[len(shirt.vertices) :]
     assert similar(place, button.vertices) < 1e-6
     worn = np.unique(shirt.triangles)
@@ -195,7 +195,7 @@ def test_button_follows_its_shirt() -> None:
 
 def test_prop_stays_rigid_and_outside_the_skin() -> None:
     rod = ball(0.5, centre=(0, 0, 1.13), radii=(1, 0.2, 0.2), count=200)
-    found = carry(BODY, noisy(0.05), EGG, [rod], manners=["rigid"]).vertices[0]
+    found = fit_to_shape(BODY, noisy(0.05), EGG, [rod], manners=["rigid"]).vertices[0]
     assert similar(found, rod.vertices) < 1e-6
     before = np.linalg.norm(rod.vertices, axis=1).min()
     assert before > 1.02
@@ -212,7 +212,8 @@ def test_hair_hangs_as_a_whole_and_follows_the_skin_at_its_roots() -> None:
     above = np.exp(-((1 - BODY.vertices[:, 2]) ** 2) / 0.01)
     grown = BODY.with_vertices(BODY.vertices * (1 + 0.25 * beside - 0.06 * above)[:, None])
     soft, hair = (
-        carry(BODY, grown.vertices, grown, [wig, tail], manners=[manner] * 2).vertices for manner in ("soft", "hair")
+        fit_to_shape(BODY, grown.vertices, grown, [wig, tail], manners=[manner] * 2).vertices
+        for manner in ("soft", "hair")
     )
     off = [np.linalg.norm(found[1] - tail.vertices, axis=1).mean() for found in (soft, hair)]
     assert off[0] > 0.15
@@ -226,7 +227,7 @@ def test_strands_keep_their_roots_on_the_skin_and_turn_with_it() -> None:
     roots = ball(1, count=40, seed=4).vertices
     strands = np.concatenate([roots * (1 + 0.05 * number) for number in range(5)])
     edges = np.concatenate([np.stack([np.arange(40), 40 + np.arange(40)], axis=1) + 40 * number for number in range(4)])
-    found = carry(BODY, EGG.vertices, EGG, [Lines(strands, edges)])
+    found = fit_to_shape(BODY, EGG.vertices, EGG, [Lines(strands, edges)])
     points = found.vertices[0].reshape(5, 40, 3)
     assert np.abs(off_egg(points[0])).max() < 0.01
     length = np.linalg.norm(points[4] - points[0], axis=1) / SIZE
@@ -241,7 +242,7 @@ def test_distant_cloth_follows_a_wide_patch_of_skin() -> None:
     worn = np.unique(skirt.triangles)
 
     def off() -> float:
-        found = carry(BODY, torn, BODY, [skirt], stiffness=0.0).vertices[0]
+        found = fit_to_shape(BODY, torn, BODY, [skirt], stiffness=0.0).vertices[0]
         return float(np.linalg.norm(found - skirt.vertices, axis=1)[worn].mean())
 
     with retune(FOLLOWING, spreading=0.0):
@@ -253,7 +254,7 @@ def test_stiff_cloth_keeps_its_shape() -> None:
     shirt = shell(1.2)
     worn = np.unique(shirt.triangles)
     errors = [
-        similar(carry(BODY, noisy(0.08), EGG, [shirt], stiffness=value).vertices[0][worn], shirt.vertices[worn])
+        similar(fit_to_shape(BODY, noisy(0.08), EGG, [shirt], stiffness=value).vertices[0][worn], shirt.vertices[worn])
         for value in (0.0, 1.0)
     ]
     assert errors[1] < 0.9 * errors[0]
@@ -283,7 +284,7 @@ def test_touching_loose_parts_stay_together() -> None:
 
     def drift() -> float:
         """Mean change of the distance between touching vertices, relative to the size."""
-        worn = carry(BODY, noisy(0.08), EGG, [braid], stiffness=1.0).vertices[0]
+        worn = fit_to_shape(BODY, noisy(0.08), EGG, [braid], stiffness=1.0).vertices[0]
         return float(np.linalg.norm(worn[first] - worn[second], axis=1).mean() / SIZE)
 
     with retune(SOLID, touching=0.0):
@@ -294,7 +295,7 @@ def test_touching_loose_parts_stay_together() -> None:
 def test_masked_patches_keep_their_shape_at_the_garment_scale() -> None:
     shirt = shell(1.03, 1500)
     masks = plate(shirt), plate(shirt, (0.73, 0, 0.73))
-    soft, kept = (carry(BODY, noisy(0.05), EGG, [shirt], keep=keep) for keep in (None, [masks[0] + masks[1]]))
+    soft, kept = (fit_to_shape(BODY, noisy(0.05), EGG, [shirt], keep=keep) for keep in (None, [masks[0] + masks[1]]))
     sizes = []
     for mask in masks:
         chosen = np.flatnonzero(mask)
@@ -320,7 +321,7 @@ def test_a_masked_button_has_the_scale_of_its_shirt() -> None:
     shirt, button = shell(1.03), ball(0.02, centre=(0, 0, 1.055), count=60)
     both, number = Surface.joined([shirt, button]), len(shirt.vertices)
     mask = np.where(np.arange(number + len(button.vertices)) < number, 0.0, 1.0)
-    found = carry(BODY, noisy(0.05), EGG, [both], keep=[mask])
+    found = fit_to_shape(BODY, noisy(0.05), EGG, [both], keep=[mask])
     growth = np.linalg.norm(found.turns[0][np.unique(shirt.triangles)][:, 0], axis=1)
     scale = procrustes(button.vertices, found.vertices[0][number:]).scale
     np.testing.assert_allclose(scale, np.median(growth), rtol=0.03)  # which includes the button itself
@@ -329,7 +330,7 @@ def test_a_masked_button_has_the_scale_of_its_shirt() -> None:
 def test_half_masked_patch_deforms_half_as_much() -> None:
     shirt = shell(1.03, 800)
     mask = plate(shirt)
-    soft, half = (carry(BODY, noisy(0.05), EGG, [shirt], keep=[share * mask]).vertices[0] for share in (0, 0.5))
+    soft, half = (fit_to_shape(BODY, noisy(0.05), EGG, [shirt], keep=[share * mask]).vertices[0] for share in (0, 0.5))
     bent = [similar(worn[mask > 0], shirt.vertices[mask > 0]) for worn in (soft, half)]
     assert 0.3 < bent[1] / bent[0] < 0.7
 
@@ -342,7 +343,7 @@ def test_masked_patch_leaves_the_skin_as_a_whole() -> None:
     skin, inside = SidedSurface.of(bumpy, 1.0), list[float]()
     for rounds in (0, CONTACT.rounds):
         with retune(CONTACT, rounds=rounds):
-            worn = carry(BODY, BODY.vertices, bumpy, [shirt], keep=[mask]).vertices[0]
+            worn = fit_to_shape(BODY, BODY.vertices, bumpy, [shirt], keep=[mask]).vertices[0]
         assert similar(worn[chosen], shirt.vertices[chosen]) < 1e-5
         inside.append(skin.sides(worn[chosen])[0].min())
     assert inside[0] < -0.01
@@ -355,7 +356,7 @@ def test_a_masked_patch_turns_about_what_pushes_it() -> None:
     mask = plate(shirt)
     bump = 1 + 0.1 * np.exp(-(np.linalg.norm(BODY.vertices - [0.25, 0, 1], axis=1, keepdims=True) ** 2) / 0.01)
     chosen = np.flatnonzero(mask)
-    dressed = carry(BODY, BODY.vertices, BODY.with_vertices(BODY.vertices * bump), [shirt], keep=[mask])
+    dressed = fit_to_shape(BODY, BODY.vertices, BODY.with_vertices(BODY.vertices * bump), [shirt], keep=[mask])
     before, after = shirt.vertices[chosen], dressed.vertices[0][chosen]
     motion = procrustes(before, after)
     assert np.linalg.norm(motion(before) - after, axis=1).max() < 1e-5
@@ -374,14 +375,16 @@ def test_a_masked_point_is_pushed_out() -> None:
     point = int(np.argmax(shirt.vertices[:, 2]))
     bump = 1 + 0.1 * np.exp(-(np.linalg.norm(BODY.vertices - [0, 0, 1], axis=1, keepdims=True) ** 2) / 0.01)
     skin = BODY.with_vertices(BODY.vertices * bump)
-    worn = carry(BODY, BODY.vertices, skin, [shirt], keep=[np.eye(len(shirt.vertices))[point]]).vertices[0]
+    worn = fit_to_shape(BODY, BODY.vertices, skin, [shirt], keep=[np.eye(len(shirt.vertices))[point]]).vertices[0]
     assert SidedSurface.of(skin, 1.0).sides(worn[point : point + 1])[0] > 0
 
 
 def test_a_masked_patch_keeps_what_is_in_the_skin() -> None:
     """A sole encloses a foot: to push out some of it would push the rest in."""
     shirt = shell(0.995, 800)
-    soft, kept = (carry(BODY, BODY.vertices, BODY, [shirt], keep=keep).vertices[0] for keep in (None, [plate(shirt)]))
+    soft, kept = (
+        fit_to_shape(BODY, BODY.vertices, BODY, [shirt], keep=keep).vertices[0] for keep in (None, [plate(shirt)])
+    )
     chosen = plate(shirt) > 0
     assert np.linalg.norm(soft - shirt.vertices, axis=1)[chosen].min() > 0.003
     assert np.linalg.norm(kept - shirt.vertices, axis=1)[chosen].max() < 0.0015
@@ -390,7 +393,7 @@ def test_a_masked_patch_keeps_what_is_in_the_skin() -> None:
 def test_loose_points_follow_the_body() -> None:
     shirt = shell(1.06)
     loose = Surface(np.concatenate([shirt.vertices, [[0, 0, 1.1]]]), shirt.triangles)
-    found = carry(BODY, EGG.vertices, EGG, [loose]).vertices[0][-1]
+    found = fit_to_shape(BODY, EGG.vertices, EGG, [loose]).vertices[0][-1]
     assert abs(off_egg(found[None])[0] - 0.1) < 0.03
 
 
@@ -399,28 +402,28 @@ def test_vertices_stretched_more_than_the_body_are_marked() -> None:
     patch = np.linalg.norm(BODY.vertices - [0, 0, 1], axis=1) < 0.25
     shape[patch] += TURN.apply([0.8, 0, 0]) * SIZE  # as if a match sent the patch to another place
     shirt = shell(1.06)
-    carried = carry(BODY, shape, EGG, [shirt], stiffness=0)
+    carried = fit_to_shape(BODY, shape, EGG, [shirt], stiffness=0)
     stretched = carried.stretched[0]
     assert stretched.any()
     assert (np.linalg.norm(shirt.vertices[stretched] - [0, 0, 1.06], axis=1) < 0.6).all()
-    assert not carry(BODY, EGG.vertices, EGG, [shirt], stiffness=0).stretched[0].any()
+    assert not fit_to_shape(BODY, EGG.vertices, EGG, [shirt], stiffness=0).stretched[0].any()
 
 
 def test_invalid_arguments_are_refused() -> None:
     shirt = shell(1.06)
     with pytest.raises(ValueError, match="There is nothing to fit"):
-        carry(BODY, EGG.vertices, EGG, [])
+        fit_to_shape(BODY, EGG.vertices, EGG, [])
     with pytest.raises(ValueError, match="stiffness is 2"):
-        carry(BODY, EGG.vertices, EGG, [shirt], stiffness=2)
+        fit_to_shape(BODY, EGG.vertices, EGG, [shirt], stiffness=2)
     with pytest.raises(ValueError, match="gap is -1"):
-        carry(BODY, EGG.vertices, EGG, [shirt], gap=-1)
+        fit_to_shape(BODY, EGG.vertices, EGG, [shirt], gap=-1)
     with pytest.raises(ValueError, match="'automatic', 'soft', 'rigid'"):
-        carry(BODY, EGG.vertices, EGG, [shirt], manners=["hard"])  # type: ignore[list-item]
+        fit_to_shape(BODY, EGG.vertices, EGG, [shirt], manners=["hard"])  # type: ignore[list-item]
     with pytest.raises(ValueError, match="keep has 2 masks: give one, or None, for each of the 1 objects"):
-        carry(BODY, EGG.vertices, EGG, [shirt], keep=[None, None])
+        fit_to_shape(BODY, EGG.vertices, EGG, [shirt], keep=[None, None])
     for mask in ([1.0], np.full(len(shirt.vertices), 2.0), np.full(len(shirt.vertices), np.nan)):
         with pytest.raises(ValueError, match=r"a mask in keep .* numbers from 0 to 1"):
-            carry(BODY, EGG.vertices, EGG, [shirt], keep=[mask])
+            fit_to_shape(BODY, EGG.vertices, EGG, [shirt], keep=[mask])
     with pytest.raises(MeshError, match="no point among the 2"):
         Lines([[0, 0, 0], [1, 0, 0]], [[0, 2]])
     with pytest.raises(MeshError, match="not finite"):
@@ -441,7 +444,7 @@ def test_only_places_that_may_collide_are_tested_again(monkeypatch: pytest.Monke
     shape = EGG.vertices.copy()
     dent = np.linalg.norm(BODY.vertices - [0, 0, 1], axis=1) < 0.3
     shape[dent] = onto_egg(0.9 * BODY.vertices[dent])
-    found = carry(BODY, shape, EGG, [shirt])
+    found = fit_to_shape(BODY, shape, EGG, [shirt])
     assert off_egg(found.vertices[0][np.unique(shirt.triangles)]).min() > 0
     _, now, *rounds = tested
     assert rounds

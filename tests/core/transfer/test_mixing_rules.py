@@ -20,14 +20,8 @@ from zoomout_core.samples.spheres import ball
 from zoomout_core.spectral.laplacian import mesh_laplacian
 from zoomout_core.transfer import Attribute, Domain, Kind, transfer
 from zoomout_core.transfer.cut_mesh import cut_surface
-from zoomout_core.transfer.frames import (
-    DOUBTED_WEIGHT,
-    frames_of,
-    frames_on,
-    on_working_mesh,
-    products_of_gradients,
-    rotations,
-)
+from zoomout_core.transfer.frames import DOUBTED_WEIGHT, frames_of, frames_on, on_working_mesh, rotations
+from zoomout_core.transfer.gradients import products_of_gradients
 from zoomout_core.transfer.inpaint import filling
 from zoomout_core.transfer.interpolate import MIX, VOTE
 from zoomout_core.transfer.mapped_target import MappedTarget

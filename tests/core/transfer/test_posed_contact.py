@@ -10,8 +10,9 @@ from scipy.sparse import csr_array
 from zoomout_core.mesh.affine_maps import blend_matrices, transform_points
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.samples.spheres import ball
-from zoomout_core.transfer.dressing.contact import SidedSurface
-from zoomout_core.transfer.dressing.dress import Dressed, carry, clear_in_poses
+from zoomout_core.transfer.dressing.barriers import SidedSurface
+from zoomout_core.transfer.dressing.dress import clear_in_poses, fit_to_shape
+from zoomout_core.transfer.dressing.layers import Dressed
 from zoomout_core.transfer.dressing.posed_contact import POSED_CONTACT, PosedBody
 from zoomout_core.transfer.rigging.poses import pose_of_turns
 from zoomout_core.tuning import retune
@@ -42,7 +43,7 @@ RIG = PosedBody(weights(BODY.vertices), POSES)
 
 def dressed(unit: float = 1.0) -> Dressed:
     body, sleeve = (each.with_vertices(unit * each.vertices) for each in (BODY, SLEEVE))
-    return carry(body, body.vertices, body, [sleeve])
+    return fit_to_shape(body, body.vertices, body, [sleeve])
 
 
 def depth(sleeve: np.ndarray, of_sleeve: csr_array, poses: np.ndarray = POSES) -> float:

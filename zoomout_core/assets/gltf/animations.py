@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from zoomout_core.assets.gltf.meshes import Renumbering
-from zoomout_core.mesh.formats.gltf_document import INSTANCES, POINTER, Buffer, Document
+from zoomout_core.mesh.formats.gltf_buffer import Buffer
+from zoomout_core.mesh.formats.gltf_document import INSTANCES, POINTER, Document
 
 if TYPE_CHECKING:
     from pygltflib import GLTF2, AnimationChannelTarget, AnimationSampler

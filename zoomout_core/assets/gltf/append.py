@@ -23,7 +23,8 @@ from zoomout_core.assets.gltf.copy_rows import LookCopier, RowCopier
 from zoomout_core.assets.gltf.growing_document import GrowingDocument
 from zoomout_core.assets.gltf.meshes import write_meshes
 from zoomout_core.assets.gltf.springs import Partner, copy_springs
-from zoomout_core.mesh.formats.gltf_document import VRM_0, VRM_1, Buffer, Document, library
+from zoomout_core.mesh.formats.gltf_buffer import Buffer
+from zoomout_core.mesh.formats.gltf_document import VRM_0, VRM_1, Document, library
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,8 @@ from urllib.parse import quote
 
 from zoomout_core.assets.asset import Asset, one_line
 from zoomout_core.assets.gltf.read_asset import materials_of
-from zoomout_core.mesh.formats.gltf_document import VARIANTS, Buffer, Document, is_file, library, sources_of
+from zoomout_core.mesh.formats.gltf_buffer import Buffer
+from zoomout_core.mesh.formats.gltf_document import VARIANTS, Document, is_file, library, sources_of
 from zoomout_core.mesh.formats.image_types import TEXTURE_EXTENSIONS, ImageType, image_type
 from zoomout_core.mesh.formats.opening import shown
 

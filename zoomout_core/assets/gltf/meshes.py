@@ -16,7 +16,8 @@ from zoomout_core.assets.asset import Asset
 from zoomout_core.assets.gltf.mesh_parts import Part, parts_on_their_nodes, whole_part
 from zoomout_core.assets.gltf.primitives import place_in_nodes, write_primitives
 from zoomout_core.mesh.affine_maps import normalise
-from zoomout_core.mesh.formats.gltf_document import VARIANTS, VRM_0, Buffer, Document, library, morph_target_names
+from zoomout_core.mesh.formats.gltf_buffer import Buffer
+from zoomout_core.mesh.formats.gltf_document import VARIANTS, VRM_0, Document, library, morph_target_names
 
 if TYPE_CHECKING:
     from pygltflib import GLTF2, Mesh, Primitive

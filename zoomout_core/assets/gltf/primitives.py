@@ -14,7 +14,8 @@ from scipy.sparse import csr_array
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.assets.asset import COLOR, MATERIALS, NORMALS, SHAPE_KEYS, UV, Asset, layers_of, on_corners
 from zoomout_core.assets.gltf.mesh_parts import Part
-from zoomout_core.mesh.formats.gltf_document import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, PLACE, Buffer, library
+from zoomout_core.mesh.formats.gltf_buffer import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, Buffer
+from zoomout_core.mesh.formats.gltf_document import PLACE, library
 from zoomout_core.mesh.triangles import unit_vectors, vertex_normals
 from zoomout_core.transfer.rigging.skinning import row_of
 

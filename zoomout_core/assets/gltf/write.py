@@ -17,7 +17,8 @@ from zoomout_core.assets.gltf.animations import keep_animations, keep_copies
 from zoomout_core.assets.gltf.keep_avatars import keep_avatar
 from zoomout_core.assets.gltf.materials import ImageFiles, full_look, write_materials
 from zoomout_core.assets.gltf.meshes import write_meshes
-from zoomout_core.mesh.formats.gltf_document import STORED_MAP, Buffer, library
+from zoomout_core.mesh.formats.gltf_buffer import Buffer
+from zoomout_core.mesh.formats.gltf_document import STORED_MAP, library
 from zoomout_core.runtime.version import package_version
 
 if TYPE_CHECKING:
@@ -31,7 +32,7 @@ BINARY = (".glb", ".vrm")
 def write_gltf(asset: Asset, path: Path) -> tuple[str, ...]:
     """Write an asset to a .glb, .gltf or .vrm file; its skin provides the rest positions of its vertices.
 
-    The meshes of the document stay on their nodes if the surface is theirs (`Asset.nodes`); else the surface replaces
+    The meshes of the document stay on their nodes if the surface is theirs (`Asset.nodes`); otherwise it replaces
     all of them. A .gltf file has its buffer and images in files of their own if its document has.
 
     Returns:

@@ -9,6 +9,7 @@ Lengths are at unit area of the hull.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,7 +21,7 @@ from zoomout_core.geometry.oriented_closest_points import OrientedSurface
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.components.overlap import leaves_in_place, overlapping
 from zoomout_core.matching.components.part_motions import MovedTarget
-from zoomout_core.matching.components.parts import MAX_PAIRED_PARTS, Side
+from zoomout_core.matching.components.parts import MAX_PAIRED_PARTS, Part, Side
 from zoomout_core.matching.components.shell_images import (
     SHELL_IMAGES,
     Image,
@@ -59,6 +60,7 @@ class ShellTuning(Tuning, set_by="characters"):
     faded: float = tuned(0.01, "1", 0, 1)  # vertices that a landmark moves by a smaller share of its motion stay
     pair_confidence: float = tuned(0.9, "1", 0, 1)  # confidence in a pair whose edges keep their lengths
     half_stretch: float = tuned(0.5, "1", 1e-6, 10)  # mean relative change of length that halves this confidence
+    whole: float = tuned(0.95, "1", 0, 1)  # minimum share of its surface's area that makes a shell nearly all of it
 
 
 SHELLS = ShellTuning()
@@ -124,6 +126,8 @@ def _map_pairs(
         return 0
     most = MAX_PAIRED_PARTS
     partners, motions = pair_shells(pair, motion, ours[:most], theirs[:most], source, target)
+    if partners and _is_one_skin(partners, ours, theirs, target, source):
+        partners, motions = partners[1:], motions[1:]
     if not partners:
         return 0
     mesh, component = source.mesh, source.mesh.component[source.mesh.triangles[:, 0]]
@@ -140,6 +144,22 @@ def _map_pairs(
         confidence[vertices] = SHELLS.pair_confidence / (1 + (stretch / SHELLS.half_stretch) ** 2)
         has_partner.target[vertices] = has_partner.source[theirs[j].vertices] = True
     return len(partners)
+
+
+def _is_one_skin(
+    partners: Sequence[tuple[int, int]], ours: Sequence[Part], theirs: Sequence[Part], target: Side, source: Side
+) -> bool:
+    """Whether the first pair is one skin beside debris, and a piece of the source, such as a body below clothes.
+
+    Remeshing by voxels leaves specks beside a skin, most of them without a partner. The skin is then nearly all of the
+    target, shows all parts of the source, and is the partner of none.
+    """
+    if partners[0][0] != 0:
+        return False
+    (skin, *others), all_of_target = [target.areas[ours[i].vertices].sum() for i, _ in partners], target.areas.sum()
+    partner = source.areas[theirs[partners[0][1]].vertices].sum()
+    is_whole = skin >= SHELLS.whole * all_of_target and partner < SHELLS.whole * source.areas.sum()
+    return bool(is_whole and sum(others) < (all_of_target - skin) / 2)
 
 
 def _find_partners(

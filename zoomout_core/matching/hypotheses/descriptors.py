@@ -15,7 +15,7 @@ import numpy as np
 
 from zoomout_core.arrays import Floats
 from zoomout_core.maps.functional_map import resolvent_mask
-from zoomout_core.maps.zoomout import nearest_samples
+from zoomout_core.maps.upsample import nearest_samples
 from zoomout_core.matching.hypotheses.hypothesis import Hypothesis, alike
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 from zoomout_core.matching.ranking.scores import Disagreement, no_disagreement, scores_of, total_score

@@ -12,6 +12,7 @@ import numpy as np
 
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.geometry.procrustes import Moments, products
+from zoomout_core.matching.partial.fragment_overlap import OVERLAP, overlap_cost
 from zoomout_core.matching.partial.incomplete_shape import IncompleteShape
 from zoomout_core.matching.partial.landmark_maps import place_all, place_few
 from zoomout_core.matching.partial.landmark_search import SEARCH, assignments, distinct, landmarks_of
@@ -66,6 +67,11 @@ class PartCandidate:
     start: Floats | None = None  # (n, 3) the part's vertices by the rigid placement that it was registered from, if any
     finished: RegisteredPart | None = None  # the part, registered with the nodes of a final map, if it was compared so
 
+    @property
+    def cost(self) -> float:
+        """Cost that orders registered parts, the lowest first: of the overlap of two fragments, otherwise of the fit."""
+        return self.scores.get(OVERLAP, self.scores["fit"])
+
 
 class _Found(NamedTuple):
     """A map of the places of a part (d_p,) to those of a region, with its cost before the part is registered."""
@@ -109,7 +115,7 @@ def _by_fit(candidates: Sequence[PartCandidate], upright: bool = False) -> list[
     """Candidates by their fit, and by the rotation of the up axis if that is evidence."""
 
     def cost(one: PartCandidate) -> float:
-        return one.scores["fit"] + (EVIDENCE_WEIGHTS[UPRIGHT] * one.scores[UPRIGHT] if upright else 0.0)
+        return one.cost + (EVIDENCE_WEIGHTS[UPRIGHT] * one.scores[UPRIGHT] if upright else 0.0)
 
     return sorted(candidates, key=cost)
 
@@ -130,7 +136,7 @@ def _fine_candidates(
 def _placed_candidates(region: Region, upright: bool) -> list[PartCandidate]:
     """Maps of a part by its rigid placements on a region, registered finely, the most likely first."""
     with portion(0.0, 0.4):
-        placements = rigid_placements(region.part, region.whole)
+        placements = rigid_placements(region.part, region.whole, upright)
     found = [_Found(_map_cost(one.places, region), region, one.places, one.positions) for one in placements]
     with portion(0.4, 0.8):
         sifted = _by_fit(for_each(_register, found), upright)
@@ -246,7 +252,10 @@ def _register(one: _Found | PartCandidate) -> PartCandidate:
     registered = register_part(one.places, part, whole, levels, start)
     at = part.shape.search.samples[: len(part.between)]
     places = whole.shape.voronoi_cell[registered.closest.vertex[at]]
-    return PartCandidate(one.region, places, registered, scores | _fit(registered, part), one.start)
+    scores = scores | _fit(registered, part)
+    if one.region.is_everywhere and part.is_fragment and whole.is_fragment:
+        scores |= {OVERLAP: overlap_cost(registered, one.region, scores, PART_CANDIDATES.beyond)}
+    return PartCandidate(one.region, places, registered, scores, one.start)
 
 
 def register_places(places: Integers, region: Region) -> PartCandidate:

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Integers
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.maps.zoomout import slanted_sizes
+from zoomout_core.maps.zoomout_sizes import slanted_sizes
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.partial.curvature import CURVATURE, curvature_agreement, curvature_score
 from zoomout_core.matching.partial.gaps import GAPS, gap_area
@@ -54,6 +54,11 @@ class PartMatchTuning(Tuning, set_by="partial"):
     # Lag in score up to which candidates are finished, to compare their curvature: on average 2.3 of 4.4 candidates.
     finished_margin: float = tuned(0.5, "1", 0, 100)
     near_cut: float = tuned(0.05, "length", 0, 10)  # a part may end where one of its cuts is nearer
+    # Two fragments share the area within this distance of each other, except where it is nearest to a cut, smoothed by
+    # this diffusion length. On 17 right maps of 20 pairs of cut animals, the mean IoU with the area that they share
+    # rises from .63 to .69.
+    residual_of_fragments: float = tuned(0.06, "length", 0, 10)
+    smooth_overlap: float = tuned(0.03, "length", 0, 1)
 
 
 PART_MATCH = PartMatchTuning()
@@ -197,14 +202,24 @@ def fit_part(pair: Pair, candidate: Candidate) -> PartFit:
     region = one.region
     in_region = one.finished if one.finished is not None else _register_finally(one, pair)
     registered = region.carry(in_region)
-    residual = PART_MATCH.residual * region.unit
+    between_fragments = region.is_everywhere and are_fragments(pair)
+    residual = PART_MATCH.residual_of_fragments if between_fragments else PART_MATCH.residual * region.unit
     of_part = (registered.residual < residual) & (registered.agreement > 0) & registered.is_near
     on_part, of_whole = _on_part(registered, part, whole, residual)
     of_whole &= region.contains
+    if between_fragments:
+        on_cut = region.part.cut_distance_of_vertices[on_part.vertex] == 0
+        of_part, of_whole = _majority(of_part & ~registered.on_cut, part), _majority(of_whole & ~on_cut, whole)
     if part is pair.target_shape:
         fit = Fit(registered.closest, registered.positions, registered.rotations, of_part)
         return PartFit(fit, on_part, Partners(of_part, of_whole))
     return PartFit(Fit.of_map(on_part), registered.closest, Partners(of_whole, of_part))
+
+
+def _majority(chosen: Booleans, shape: ShapeAnalysis) -> Booleans:
+    """(n,) whether most of the surroundings of each vertex are chosen (n,)."""
+    share = shape.basis.smoothed(chosen[:, None].astype(np.float64), PART_MATCH.smooth_overlap**2)[:, 0]
+    return np.asarray(share > 0.5)
 
 
 def _register_finally(one: PartCandidate, pair: Pair) -> RegisteredPart:
@@ -244,7 +259,7 @@ def _candidate(one: PartCandidate, pair: Pair, disagreement: Disagreement, uprig
     against = disagreement(functional_map, sample_map, None)
     if upright:
         against |= {UPRIGHT: one.scores[UPRIGHT]}
-    total = one.scores["fit"] + sum(EVIDENCE_WEIGHTS[name] * value for name, value in against.items())
+    total = one.cost + sum(EVIDENCE_WEIGHTS[name] * value for name, value in against.items())
     return Candidate(
         origin="one shape as a part of the other",
         reverses_orientation=False,

@@ -10,6 +10,7 @@ overlap. Unlike a map of all places, a placement does not pull places without a 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -20,6 +21,7 @@ from scipy.spatial.transform import Rotation
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.geometry.procrustes import procrustes
 from zoomout_core.matching.partial.incomplete_shape import IncompleteShape
+from zoomout_core.matching.ranking.scores import UP_AXES
 from zoomout_core.tuning import Tuning, tuned
 
 
@@ -28,6 +30,11 @@ class RigidPlacementTuning(Tuning, set_by="official"):
     """How placements are found; lengths are those of the larger shape at unit area."""
 
     rotations: int = tuned(600, "rotations", 1, 100_000)  # number of rotations to test, about 25 degrees apart
+    # Degrees between upright rotations about the up axis, and by which those beside them are tilted. Of 20 pairs of cut
+    # animals, 8 have their right placement among the first 16 by all rotations, and 13 by upright ones, 12 of these
+    # among the first four.
+    upright_step: float = tuned(15.0, "degrees", 1, 180)
+    tilt: float = tuned(25.0, "degrees", 0, 90)
     refined: int = tuned(150, "placements", 1, 100_000)  # number of placements with the most votes, which are refined
     kept: int = tuned(16, "placements", 1, 1000)  # number of placements that differ, by which the part is registered
     apart: float = tuned(0.12, "length", 0, 10)  # minimum mean distance between the positions of placements that differ
@@ -37,6 +44,8 @@ RIGID_PLACEMENTS = RigidPlacementTuning()
 # Width of the cells in which votes are counted, about the distance between two places, and minimum cosine between the
 # normals of a pair that votes. The rotations tried are off by up to 15 degrees, and shapes differ.
 CELL, FACING = 0.1, 0.75
+# Directions in which upright rotations are tilted.
+TILTS = 6
 # Cells of each rotation that become placements.
 CELLS_PER_ROTATION = 2
 # Refinement: rounds, and the scale s, in length, of the weight 1 / (1 + (r / s)^2)^2 of a distance r.
@@ -93,35 +102,77 @@ def rotations(count: int) -> Floats:
     return np.asarray(Rotation.from_quat(np.column_stack(parts)).as_matrix())
 
 
-def rigid_placements(part: IncompleteShape, whole: IncompleteShape) -> list[Placement]:
-    """Placements of a part on a whole that differ, the best first."""
+def upright_rotations(axis: int) -> Floats:
+    """(r, 3, 3) rotations that turn a shape about an axis of its file, upright and slightly tilted."""
+    tilted = np.arange(TILTS) * 2 * np.pi / TILTS
+    ways = np.insert(
+        np.column_stack([np.cos(tilted), np.sin(tilted)]) * np.radians(RIGID_PLACEMENTS.tilt), 0, 0, axis=0
+    )
+    tilts = Rotation.from_rotvec(np.insert(ways, axis, 0, axis=1)).as_matrix()
+    steps = np.radians(np.arange(0, 360, RIGID_PLACEMENTS.upright_step))
+    turns = Rotation.from_rotvec(steps[:, None] * np.eye(3)[axis]).as_matrix()
+    return np.asarray((tilts[:, None] @ turns).reshape(-1, 3, 3))
+
+
+def rigid_placements(part: IncompleteShape, whole: IncompleteShape, upright: bool = False) -> list[Placement]:
+    """Placements of a part on a whole that differ, the best first.
+
+    If shapes are likely to stand `upright` in their files, half of them are found by rotations about an up axis.
+    """
     here, there = _Places.of(part), _Places.of(whole)
+    searched = [rotations(RIGID_PLACEMENTS.rotations)]
+    if upright:
+        searched.insert(0, np.concatenate([upright_rotations(axis) for axis in UP_AXES]))
+    kept: list[_Placed] = []
+    for number, some in enumerate(searched, start=1):
+        kept = _add_differing(kept, _place(some, here, there), RIGID_PLACEMENTS.kept * number // len(searched))
+    vertices = part.shape.mesh.vertices
+    return [
+        Placement(one.rank, vertices @ one.rotation.T + one.shift, one.places)
+        for one in sorted(kept, key=lambda one: one.rank)
+    ]
+
+
+class _Placed(NamedTuple):
+    """Places of a part after a rigid motion."""
+
+    rank: float  # its cost
+    rotation: Floats  # (3, 3)
+    shift: Floats  # (3,)
+    points: Floats  # (d_p, 3) where they are
+    places: Integers  # (d_p,) nearest places of the whole
+
+
+def _place(tested: Floats, here: _Places, there: _Places) -> list[_Placed]:
+    """Placements by the rotations (r, 3, 3) and shifts with the most votes, refined, the best first."""
     tree = cKDTree(there.with_normals())
     found = []
-    for rotation, shift in _vote(here, there):
+    for rotation, shift in _vote(tested, here, there):
         rotation, shift = _refine(rotation, shift, here, there, tree)
         placed = here.move(rotation, shift)
         rank, places = _rank(placed, there, tree)
-        found.append((rank, rotation, shift, placed.points, places))
-    found.sort(key=lambda one: one[0])
-    kept: list[Placement] = []
-    points_of_kept: list[Floats] = []
-    vertices = part.shape.mesh.vertices
-    for rank, rotation, shift, points, places in found:
-        apart = [np.linalg.norm(points - other, axis=1).mean() for other in points_of_kept]
-        if np.isfinite(rank) and min(apart, default=np.inf) > RIGID_PLACEMENTS.apart:
-            kept.append(Placement(rank, vertices @ rotation.T + shift, places))
-            points_of_kept.append(points)
-        if len(kept) == RIGID_PLACEMENTS.kept:
+        if np.isfinite(rank):
+            found.append(_Placed(rank, rotation, shift, placed.points, places))
+    return sorted(found, key=lambda one: one.rank)
+
+
+def _add_differing(kept: Sequence[_Placed], found: Sequence[_Placed], max_count: int) -> list[_Placed]:
+    """Placements with the first of others that differ from all before them."""
+    together = list(kept)
+    for one in found:
+        if len(together) == max_count:
             break
-    return kept
+        apart = [np.linalg.norm(one.points - other.points, axis=1).mean() for other in together]
+        if min(apart, default=np.inf) > RIGID_PLACEMENTS.apart:
+            together.append(one)
+    return together
 
 
-def _vote(here: _Places, there: _Places) -> list[tuple[Floats, Floats]]:
+def _vote(tested: Floats, here: _Places, there: _Places) -> list[tuple[Floats, Floats]]:
     """Rotations and shifts with the most votes of pairs of places, each by the root of the product of their areas."""
     weights = np.sqrt(np.outer(here.areas, there.areas))
     found = []
-    for rotation in rotations(RIGID_PLACEMENTS.rotations):
+    for rotation in tested:
         turned = here.move(rotation, np.zeros(3))
         first, second = np.nonzero(turned.normals @ there.normals.T > FACING)
         shifts = there.points[second] - turned.points[first]

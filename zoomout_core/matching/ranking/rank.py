@@ -11,7 +11,7 @@ import numpy as np
 
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.maps.anchors import Anchors
-from zoomout_core.maps.zoomout import nearest_samples, upsample
+from zoomout_core.maps.upsample import nearest_samples, upsample
 from zoomout_core.matching.hypotheses.hypothesis import HYPOTHESES, Hypothesis, alike
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 from zoomout_core.matching.ranking.candidate import Candidate

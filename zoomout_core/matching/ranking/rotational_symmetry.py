@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.geometry.closest_points import SurfaceSearch
-from zoomout_core.maps.zoomout import nearest_samples
+from zoomout_core.maps.upsample import nearest_samples
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 from zoomout_core.matching.ranking.candidate import Candidate
 from zoomout_core.matching.ranking.certainty import CERTAINTY

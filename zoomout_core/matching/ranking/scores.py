@@ -18,7 +18,7 @@ from zoomout_core.arrays import Floats, Integers
 from zoomout_core.maps.anchors import Anchors
 from zoomout_core.maps.functional_map import commutativity_error, frequency_error
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
-from zoomout_core.matching.refinement.local_rigid_alignment import Alignment, align_and_match
+from zoomout_core.matching.refinement.local_rigid_alignment import Alignment, SampledPair, align_and_match
 from zoomout_core.tuning import Tuning, tuned
 
 # Name of the disagreement with positions in space, for surfaces that overlap.
@@ -159,14 +159,11 @@ def map_after_alignment(
 
     Returns (s_t,) the source vertex of each search sample of the target, and these samples, aligned.
     """
-    samples = target.search.samples
-    at_samples = None if anchors is None else Anchors(anchors.source, anchors.target[samples])
+    pair = SampledPair.of(source, target, target.search, anchors, mirrored)
     vertex = source.search.samples[sample_map]
     k = min(SCORES.smooth_size, len(target.basis.eigenvalues), len(source.basis.eigenvalues))
     for among in (source.sampled.samples, slice(None)):
-        vertex, aligned = align_and_match(
-            vertex, source, target, target.search, at_samples, k, SCORES.alignment_width, mirrored, among
-        )
+        vertex, aligned = align_and_match(vertex, pair, k, SCORES.alignment_width, among)
     return vertex, aligned
 
 

@@ -58,8 +58,8 @@ def confidence_of(
     functional_map: Floats,  # (k_target, k_source) of the map from the target
     source: ShapeAnalysis,
     target: ShapeAnalysis,
-    reverses_orientation: bool,  # the map does
-    mirrored: bool,  # it maps the target's mirror image
+    reverses_orientation: bool = False,  # the map does
+    mirrored: bool = False,  # it maps the target's mirror image
     # (n_t,) whether a vertex has a partner; elsewhere confidence is 0, and nothing counts as flipped. All vertices
     # have one by default.
     has_partner: Booleans | None = None,

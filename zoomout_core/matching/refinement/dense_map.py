@@ -15,7 +15,13 @@ from zoomout_core.matching.partial.region import is_small
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 from zoomout_core.matching.ranking.candidate import Candidate
 from zoomout_core.matching.ranking.finished_maps import refine_candidate
-from zoomout_core.matching.refinement.confidence import Partners, confidence_of, partners_by_cycle
+from zoomout_core.matching.refinement.confidence import Partners, confidence_of, local_distortion, partners_by_cycle
+from zoomout_core.matching.refinement.distorted_regions import (
+    Placement,
+    find_placements,
+    move_regions,
+    move_regions_back,
+)
 from zoomout_core.matching.refinement.extremity_pins import pin_extremities
 from zoomout_core.matching.refinement.refine import REFINEMENT, functional_map_by, refine
 from zoomout_core.matching.registration.both_ways import average_both_ways
@@ -46,11 +52,13 @@ def _map_of_wholes(pair: Pair, candidate: Candidate) -> DenseMap:
     """The map of the whole target, by ZoomOut and by non-rigid registration."""
     source, target = pair.source_shape, pair.target_shape
 
-    def forwards() -> tuple[Fit, tuple[int, ...]]:
+    def forwards() -> tuple[Fit, tuple[int, ...], list[Placement]]:
         with portion(0.0, 0.6):
             refined, functional_map = refine_candidate(candidate, source, target, pair.k_final, pair.step)
+        placements = _placements(refined, candidate, source, target)
+        refined = move_regions(refined, placements, source, target, candidate.mirrored)
         with portion(0.6, 1.0):
-            return fit_nonrigid(refined, source, target, candidate.mirrored), functional_map.shape
+            return fit_nonrigid(refined, source, target, candidate.mirrored), functional_map.shape, placements
 
     def backwards() -> SurfaceMap:
         how = candidate.mirrored, min(pair.k_final, REFINEMENT.max_functions_back), pair.step
@@ -60,7 +68,8 @@ def _map_of_wholes(pair: Pair, candidate: Candidate) -> DenseMap:
         return back
 
     with portion(0.0, AVERAGING):
-        (fit, size), back = side_by_side(forwards, backwards)
+        (fit, size, placements), back = side_by_side(forwards, backwards)
+    back = move_regions_back(back, placements, source, target, candidate.mirrored)
     pinned = pin_extremities(fit.surface_map, back, source, target)
     with portion(AVERAGING, 1.0):
         if pinned is not None:
@@ -74,6 +83,18 @@ def _map_of_wholes(pair: Pair, candidate: Candidate) -> DenseMap:
     return DenseMap(fit, partners_by_cycle(fit.surface_map, back, source, target), functional_map, *measured)
 
 
+def _placements(
+    refined: SurfaceMap, candidate: Candidate, source: ShapeAnalysis, target: ShapeAnalysis
+) -> list[Placement]:
+    """New poses of the regions that a candidate's map distorts; none if the user's landmarks keep it in place."""
+    if candidate.final_anchors is not None:
+        return []
+    distortion = candidate.distortion
+    if distortion is None:
+        distortion = local_distortion(refined, source, target, candidate.mirrored)
+    return find_placements(refined, distortion, source, target, candidate.mirrored)
+
+
 def _map_of_part(pair: Pair, candidate: Candidate) -> DenseMap:
     """The map between a part and a whole, in either direction, by registering the part."""
     source, target = pair.source_shape, pair.target_shape
@@ -82,16 +103,7 @@ def _map_of_part(pair: Pair, candidate: Candidate) -> DenseMap:
     there = fit.surface_map
     functional_map = functional_map_by(there, source, target, candidate.functional_map.shape)
     known = found.partners.target
-    confidence, flipped = confidence_of(
-        there,
-        found.back,
-        functional_map,
-        source,
-        target,
-        reverses_orientation=False,
-        mirrored=False,
-        has_partner=known,
-    )
+    confidence, flipped = confidence_of(there, found.back, functional_map, source, target, has_partner=known)
     if is_small(source, target):
         confidence, flipped = _confidence_by_part(found, source, target, functional_map.shape)
     # Between the bases of both at unit area, as of all maps.
@@ -108,14 +120,5 @@ def _confidence_by_part(
     """
     there, known = found.fit.surface_map, found.partners.source
     functional_map = functional_map_by(found.back, target, source, size[::-1])
-    of_part, flipped = confidence_of(
-        found.back,
-        there,
-        functional_map,
-        target,
-        source,
-        reverses_orientation=False,
-        mirrored=False,
-        has_partner=known,
-    )
+    of_part, flipped = confidence_of(found.back, there, functional_map, target, source, has_partner=known)
     return found.partners.target * there.interpolate(of_part), flipped

@@ -83,29 +83,53 @@ def align(images: Floats, target: ShapeAnalysis, width: float, mirrored: bool, a
     return Alignment(image_centres + offsets, normals)
 
 
+@dataclass(frozen=True, eq=False)
+class SampledPair:
+    """A pair of shapes whose maps are refined at samples of the target."""
+
+    source: ShapeAnalysis
+    target: ShapeAnalysis
+    sampled: SampledBasis  # the target's basis at the samples
+    anchors: Anchors | None  # at the source's vertices and the target's samples
+    mirrored: bool  # the maps are of the target's mirror image
+
+    @classmethod
+    def of(
+        cls,
+        source: ShapeAnalysis,
+        target: ShapeAnalysis,
+        sampled: SampledBasis,
+        anchors: Anchors | None,  # at all vertices
+        mirrored: bool,
+    ) -> SampledPair:
+        at_samples = None if anchors is None else Anchors(anchors.source, anchors.target[sampled.samples])
+        return cls(source, target, sampled, at_samples, mirrored)
+
+
 def align_and_match(
-    vertex: Integers,  # (s,) the source vertex of each of the target's samples
-    source: ShapeAnalysis,
-    target: ShapeAnalysis,
-    sampled: SampledBasis,  # the target's basis at the samples
-    anchors: Anchors | None,  # at the source's vertices and the target's samples
-    k: int,  # size of the functional map
-    width: float,  # see `align`
-    mirrored: bool,  # see `align`
-    among: Integers | slice = slice(None),  # the source vertices to choose from
-    weight: float = 1.0,  # of positions in space, beside eigenfunctions
+    vertex: Integers, pair: SampledPair, k: int, width: float, among: Integers | slice = slice(None), weight: float = 1
 ) -> tuple[Integers, Alignment]:
     """One round on samples: align the target by a map, and find nearest vertices in spectral and spatial coordinates.
 
-    Returns (s,) the next source vertices, and the aligned samples.
+    Args:
+        vertex: (s,) the source vertex of each of the target's samples.
+        pair: the shapes.
+        k: size of the functional map.
+        width: see `align`.
+        among: the source vertices to choose from.
+        weight: weight of positions in space, beside eigenfunctions.
+
+    Returns:
+        (s,) the next source vertices, and the aligned samples.
     """
+    source, target, sampled = pair.source, pair.target, pair.sampled
     count = min(RIGID_ALIGNMENT.image_functions, sampled.rows.shape[1])
-    aligned = align(sampled.fit(source.mesh.vertices[vertex], count), target, width, mirrored, sampled.samples)
+    aligned = align(sampled.fit(source.mesh.vertices[vertex], count), target, width, pair.mirrored, sampled.samples)
     aligned = aligned.facing(source.mesh.vertex_normals[vertex], source, target)
     functional_map = sampled.fit(source.basis.eigenvectors[vertex, :k], k)
-    anchors = None if anchors is None else Anchors(anchors.source[among], anchors.target)
-    pair = coordinates(sampled.rows, source.basis.eigenvectors[among], functional_map, anchors)
-    found = nearest(*beside_places(*pair, aligned, source, k, weight, among))
+    anchors = None if pair.anchors is None else Anchors(pair.anchors.source[among], pair.anchors.target)
+    coordinates_of_both = coordinates(sampled.rows, source.basis.eigenvectors[among], functional_map, anchors)
+    found = nearest(*beside_places(*coordinates_of_both, aligned, source, k, weight, among))
     return np.arange(len(source.mesh.vertices))[among][found], aligned
 
 

@@ -20,6 +20,7 @@ from zoomout_core.matching.refinement.confidence import spectral_distance
 from zoomout_core.matching.refinement.local_rigid_alignment import (
     RIGID_ALIGNMENT,
     Alignment,
+    SampledPair,
     align,
     align_and_match,
     beside_places,
@@ -106,48 +107,44 @@ def refine(
     """From a candidate's functional map to a precise map between the shapes' meshes, and its functional map."""
     size = final_size(source, target, k_final)
     schedule = REFINEMENT.between_shapes if schedule is None else schedule
-    sampled = target.sampled
-    at_samples = None if anchors is None else Anchors(anchors.source, anchors.target[sampled.samples])
-    vertex = nearest(*coordinates(sampled.rows, source.basis.eigenvectors, functional_map, at_samples))
+    pair = SampledPair.of(source, target, target.sampled, anchors, mirrored)
+    vertex = nearest(*coordinates(pair.sampled.rows, source.basis.eigenvectors, functional_map, pair.anchors))
     for i, (k, width) in enumerate(schedule.aligning):
         advance(0.3 * i / len(schedule.aligning))
         # While the map is still to grow, the source's samples are close enough.
         among = source.sampled.samples if k < size else slice(None)
-        vertex, aligned = align_and_match(
-            vertex, source, target, sampled, at_samples, min(k, size), width, mirrored, among
-        )
+        vertex, aligned = align_and_match(vertex, pair, min(k, size), width, among)
     factor = _weight_factor(vertex, aligned, source, target, size)
     weight = REFINEMENT.settling_weight * factor * min(1.0, factor) ** REFINEMENT.steepness
     settling, (_, last_width) = schedule.settling_sizes(step, size), schedule.aligning[-1]
     for i, k in enumerate(settling):
         advance(0.3 + 0.4 * i / len(settling))
-        vertex, _ = align_and_match(vertex, source, target, sampled, at_samples, k, last_width, mirrored, weight=weight)
+        vertex, _ = align_and_match(vertex, pair, k, last_width, weight=weight)
     advance(0.7)
     weight = REFINEMENT.finishing_weight * factor * min(1.0, REFINEMENT.finishing_size / size) ** 2
-    dense = _map_all_vertices(vertex, source, target, anchors, size, last_width, mirrored, weight)
+    dense = _map_all_vertices(vertex, pair, anchors, size, last_width, weight)
     return dense, functional_map_by(dense, source, target, (size, size))
 
 
 def _map_all_vertices(
     vertex: Integers,  # (s,) the source vertex of each of the target's samples
-    source: ShapeAnalysis,
-    target: ShapeAnalysis,
+    pair: SampledPair,
     anchors: Anchors | None,  # at all vertices
     size: int,  # of the functional map
     width: float,  # see `align`
-    mirrored: bool,  # see `align`
     weight: float,  # of positions in space, beside eigenfunctions
 ) -> SurfaceMap:
     """One round on all vertices: the precise map in spectral and spatial coordinates, from a map of samples."""
+    source, target, sampled = pair.source, pair.target, pair.sampled
     eigenvectors = source.basis.eigenvectors
-    functional_map = target.sampled.fit(eigenvectors[vertex, :size], size)
+    functional_map = sampled.fit(eigenvectors[vertex, :size], size)
     size_of_images = min(RIGID_ALIGNMENT.image_functions, _available(source, target))
-    images = target.sampled.fit(source.mesh.vertices[vertex], size_of_images)
-    normals = target.sampled.fit(source.mesh.vertex_normals[vertex], size_of_images)
-    aligned = align(images, target, width, mirrored)
+    images = sampled.fit(source.mesh.vertices[vertex], size_of_images)
+    normals = sampled.fit(source.mesh.vertex_normals[vertex], size_of_images)
+    aligned = align(images, target, width, pair.mirrored)
     aligned = aligned.facing(target.basis.eigenvectors[:, :size_of_images] @ normals, source, target)
-    pair = coordinates(target.basis.eigenvectors, eigenvectors, functional_map, anchors)
-    queries, embedded = beside_places(*pair, aligned, source, size, weight)
+    coordinates_of_both = coordinates(target.basis.eigenvectors, eigenvectors, functional_map, anchors)
+    queries, embedded = beside_places(*coordinates_of_both, aligned, source, size, weight)
     near = _nearest_near_samples(queries, embedded, source)
     advance(0.85)
     return SurfaceMap(*project_to_embedding(queries, embedded, source.neighbourhoods, near), source.mesh.triangles)

@@ -55,8 +55,8 @@ def blender_command(program: str | None = None) -> list[str]:
     """The beginning of a command line of the extension.
 
     Args:
-        program: Blender's program; by default the one in the environment variable, else the extension registered in
-            this Python, else the program on the path.
+        program: Blender's program; by default the first of these: the one in the environment variable, the extension
+            registered in this Python, the program on the path.
 
     Raises:
         MeshError: Blender is missing.

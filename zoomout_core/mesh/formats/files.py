@@ -33,6 +33,7 @@ from zoomout_core.mesh.formats.obj_files import parse_obj
 from zoomout_core.mesh.formats.opening import existing, explain_damage, file_bytes, name_file
 from zoomout_core.mesh.formats.ply_files import PlyColumns, ply_columns, ply_normals, ply_polygons
 from zoomout_core.mesh.formats.polygons import Faces, Polygons, join
+from zoomout_core.mesh.formats.stl import complete_stl
 from zoomout_core.mesh.formats.text_tables import flatten, number_table, text_lines, whole_number
 from zoomout_core.mesh.formats.usd_files import ENDINGS as OF_USD
 from zoomout_core.mesh.formats.usd_files import read_usd
@@ -174,6 +175,7 @@ def _read(path: str | PathLike[str]) -> tuple[Polygons, PlyColumns]:
         ".gltf": _read_gltf,
         ".glb": _read_gltf,
         ".vrm": _read_gltf,
+        ".stl": lambda path: _read_with_trimesh(path, complete_stl(file_bytes(path))),
     }
     with explain_damage(path):
         if path.suffix.lower() == ".ply":

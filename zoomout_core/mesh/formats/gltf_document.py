@@ -13,22 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zoomout_core.arrays import Floats, Integers
-from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.gltf_files import GltfFile, data_of, read_gltf_file
-from zoomout_core.mesh.formats.gltf_tables import WIDTHS
+from zoomout_core.mesh.formats.gltf_tables import COMPONENT_TYPES, FLOATS, TYPES, WIDTHS
 from zoomout_core.mesh.formats.image_types import TEXTURE_EXTENSIONS, image_type
 from zoomout_core.mesh.formats.opening import shown
 from zoomout_core.runtime.extras import install_hint
 from zoomout_core.runtime.input_files import FormatError, OutsideError, reason_of
 
 if TYPE_CHECKING:
-    from pygltflib import GLTF2, Accessor, Mesh, Texture
+    from pygltflib import GLTF2, Mesh, Texture
 
-COMPONENT_TYPES = {5120: "i1", 5121: "u1", 5122: "i2", 5123: "u2", 5125: "u4", 5126: "f4"}
-FLOATS = 5126
-TYPES = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
-# glTF's codes for buffers of vertices and of indices.
-ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963
 # The attribute of vertices, and the name in the free data of the document, that store the map of an asset.
 PLACE, STORED_MAP = "_ZOOMOUT_PLACE", "zoomout_map"
 # Extensions of glTF for copies of a mesh, for materials to choose from, and for animations of any value.
@@ -291,62 +285,3 @@ def local_matrix(node: Any) -> Floats:
     matrix[:3, :3] = Rotation.from_quat(node.rotation or [0, 0, 0, 1]).as_matrix() * (node.scale or [1, 1, 1])
     matrix[:3, 3] = node.translation or [0, 0, 0]
     return matrix
-
-
-class Buffer:
-    """The single buffer of a written document.
-
-    Args:
-        gltf: the document; its buffer views are rebuilt.
-    """
-
-    def __init__(self, gltf: GLTF2) -> None:
-        self.gltf = gltf
-        self.content = bytearray()
-        gltf.bufferViews, gltf.buffers = [], []
-
-    def add_view(self, content: bytes, target: int | None = None) -> int:
-        """Add bytes; returns the number of their view."""
-        self.content += bytes(-len(self.content) % 4)
-        view = library().BufferView(buffer=0, byteOffset=len(self.content), byteLength=len(content), target=target)
-        self.content += content
-        self.gltf.bufferViews.append(view)
-        return len(self.gltf.bufferViews) - 1
-
-    def add(self, values: NDArray[Any], target: int | None = None, bounded: bool = False) -> int:
-        """Add values (count, width), or (count,) numbers; returns the number of their accessor.
-
-        Args:
-            values: values of a type that glTF supports.
-            target: the use of the buffer.
-            bounded: whether to store the minimum and maximum of each column.
-
-        Raises:
-            MeshError: bounded values are infinite, or too large for single floats.
-        """
-        rows = values.reshape(len(values), -1)
-        if bounded and not np.isfinite(rows).all():
-            raise MeshError(
-                "Some coordinates or times are infinite, or too large for the single floats of glTF: check that no "
-                "node of the source has a scale of zero, or scale the meshes down."
-            )
-        code = next(code for code, letters in COMPONENT_TYPES.items() if values.dtype == np.dtype("<" + letters))
-        width = rows.dtype.itemsize * rows.shape[1]
-        padding = np.zeros((len(rows), -width % 4 if target == ARRAY_BUFFER else 0), np.uint8)
-        content = np.hstack([np.ascontiguousarray(rows).view(np.uint8).reshape(len(rows), -1), padding])
-        number = self.add_view(content.tobytes(), target)
-        if target == ARRAY_BUFFER:
-            self.gltf.bufferViews[number].byteStride = content.shape[1]
-        accessor: Accessor = library().Accessor(
-            bufferView=number, byteOffset=0, componentType=code, count=len(rows), type=TYPES[rows.shape[1]]
-        )
-        if bounded:
-            accessor.min, accessor.max = rows.min(axis=0).tolist(), rows.max(axis=0).tolist()
-        self.gltf.accessors.append(accessor)
-        return len(self.gltf.accessors) - 1
-
-    def finish(self) -> None:
-        """Add the buffer to the document."""
-        self.content += bytes(-len(self.content) % 4)
-        self.gltf.buffers = [library().Buffer(byteLength=len(self.content))]
-        self.gltf.set_binary_blob(bytes(self.content))

@@ -11,9 +11,12 @@ from collections.abc import Container
 from zoomout_core.mesh.formats.compression.decompress_gltf import DRACO, MESHOPT, MODES
 from zoomout_core.mesh.formats.compression.meshopt_filters import STRIDES
 
-# The size in bytes of each type of number, and the numbers of each type of element.
+# The size in bytes and numpy's code of each type of number, and the count of numbers of each type of element.
 COMPONENT_SIZES = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
+COMPONENT_TYPES = {5120: "i1", 5121: "u1", 5122: "i2", 5123: "u2", 5125: "u4", 5126: "f4"}
+FLOATS = 5126
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
+TYPES = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
 UNSIGNED = (5121, 5123, 5125)
 # The types of elements that each attribute of a vertex may have, by the beginning of its name.
 ATTRIBUTE_TYPES = {

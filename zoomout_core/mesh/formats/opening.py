@@ -23,7 +23,7 @@ MAX_START = 100  # number of bytes in which such a beginning is looked for
 
 
 def existing(path: str | PathLike[str]) -> Path:
-    """The path of an existing file, else a MeshError."""
+    """The path of an existing file; raises a MeshError if there is none."""
     check_path(path)
     if not str(path):
         raise MeshError("The name of the file is empty: give its path.")
@@ -38,7 +38,7 @@ def existing(path: str | PathLike[str]) -> Path:
 
 
 def file_bytes(path: Path) -> bytes:
-    """The content of a file, else a MeshError."""
+    """The content of a file; raises a MeshError if it cannot be read."""
     try:
         return read_whole(path)
     except OSError as error:

@@ -13,7 +13,7 @@ from zoomout_core.arrays import Floats, Integers
 from zoomout_core.mesh.formats.text_tables import SHOWN, flatten, real_number, text_lines, whole_number, whole_numbers
 from zoomout_core.runtime.input_files import FormatError
 
-# Columns of an element: arrays (count,), or (count, k) for lists of equal size; else a list of arrays.
+# Columns of an element: arrays (count,), or (count, k) for lists of equal size; otherwise a list of arrays.
 PlyColumns: TypeAlias = Mapping[str, Any]
 # Names of types in PLY headers, and in numpy.
 PLY_TYPES = {

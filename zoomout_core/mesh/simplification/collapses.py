@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -57,3 +58,12 @@ class Partners:
         """(k,) the corner for each collapse and data, -1 for none."""
         at = find_sorted(self.key, which * self.wedges + wedge)
         return np.where(at >= 0, self.corner[at], -1) if len(self.key) else at
+
+
+def combine_layers(layers: Sequence[Integers], corner_count: int) -> Integers:
+    """(corner_count,) numbers of the data of the corners in all of these layers (m, 3)."""
+    wedge = np.zeros(corner_count, dtype=np.int64)
+    for layer in layers:
+        key = wedge * (int(layer.max(initial=0)) + 1) + layer.ravel()
+        wedge = np.unique(key, return_inverse=True)[1].ravel()
+    return wedge

@@ -13,8 +13,9 @@ import numpy as np
 
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.mesh.adjacency import Edges, Lists, group_by_key
-from zoomout_core.mesh.simplification.collapses import Candidates, Costs, Partners
+from zoomout_core.mesh.simplification.collapses import Candidates, Costs, Partners, combine_layers
 from zoomout_core.mesh.simplification.diagonals import flip_diagonals
+from zoomout_core.mesh.simplification.folds import MovedTriangles, find_folds
 from zoomout_core.mesh.simplification.quadrics import Quadrics
 from zoomout_core.mesh.triangles import signed_areas
 
@@ -24,13 +25,6 @@ SHARE = 0.3
 PASSES = 4
 # Smallest cosine between the normals of a triangle before and after a collapse.
 MIN_COSINE = 0.2
-# Smallest opening between triangles with a common edge that a collapse may make: one plus the cosine between their
-# normals, 0 where they are folded onto each other. 0.2 is an angle of 37 degrees inside a solid.
-MIN_OPENING = 0.2
-# Where the mesh is folded more sharply, the share of the smallest opening at a vertex that its collapse keeps.
-KEPT_OPENING = 0.5
-# The opening between triangles of a plane.
-FLAT_OPENING = 2.0
 # Triangles that each protected region keeps.
 KEPT_TRIANGLES = 2
 
@@ -96,20 +90,12 @@ class CollapsingMesh:
 
         Quadrics are summed again, without the lines of other layers.
         """
-        self.distance, self.wedge = distance, self._combine(layers)
-        self.content_wedge = self._combine([*layers, self.charts])
+        self.distance, self.wedge = distance, combine_layers(layers, self.corner_count)
+        self.content_wedge = combine_layers([*layers, self.charts], self.corner_count)
         triangles, corners = self.first
         self.quadrics.sum_planes(triangles, Edges(triangles, self.wedge[corners], self.vertex_count), self.into)
         self.known = Costs(np.zeros(0, dtype=np.int64), np.zeros((0, 2)), np.zeros((0, 2), dtype=bool))
         self.changed = self.touched = np.ones(self.vertex_count, dtype=bool)
-
-    def _combine(self, layers: Sequence[Integers]) -> Integers:
-        """(3 m,) numbers of the data of the corners in all of these layers (m, 3)."""
-        wedge = np.zeros(self.corner_count, dtype=np.int64)
-        for layer in layers:
-            key = wedge * (int(layer.max(initial=0)) + 1) + layer.ravel()
-            wedge = np.unique(key, return_inverse=True)[1].ravel()
-        return wedge
 
     def mirror_diagonals(self, layers: Sequence[Integers]) -> None:
         """Make the edges as symmetric as the vertices, because edges without a mirror image are never collapsed.
@@ -118,7 +104,7 @@ class CollapsingMesh:
         """
         if self.mirror is None:
             return
-        wedge, places = self._combine(layers), self.quadrics.places[:, 0]
+        wedge, places = combine_layers(layers, self.corner_count), self.quadrics.places[:, 0]
         self.corners = flip_diagonals(self.triangles, self.corners, wedge, self.mirror, places, self.uv)
         self.triangles = self.vertex_of_corner[self.corners]
         self.content = self.corners.copy()
@@ -301,40 +287,14 @@ class CollapsingMesh:
         bad = turned.any(axis=1) | (now[:, 0] <= 0)
         own = (self.corners[triangle] * at_tail).sum(axis=1)
         bad |= self._partners(tail, head, around, self.corners, self.wedge).find(which, self.wedge[own]) < 0
-        bad |= self._folds(tail, head, which, triangle, after[:, 0], edges)
+        moved = MovedTriangles(which, triangle, after[:, 0])
+        bad |= find_folds(tail, head, moved, self.triangles, self.normals, edges)
         if self.uv is not None:
             content = self.content[triangle]
-            moved = self._move_content(tail, head, around, which, content, at_tail)
-            bad |= signed_areas(self.uv[content]) * signed_areas(self.uv[moved]) < 0
+            content_after = self._move_content(tail, head, around, which, content, at_tail)
+            bad |= signed_areas(self.uv[content]) * signed_areas(self.uv[content_after]) < 0
         fits[which[bad]] = False
         return fits
-
-    def _folds(
-        self, tail: Integers, head: Integers, which: Integers, triangle: Integers, normals: Floats, edges: Edges
-    ) -> Booleans:
-        """(q,) whether collapses fold triangles onto a neighbour, clearly more than any at the same tail was before.
-
-        Args:
-            tail: (k,) the vertices that are merged.
-            head: (k,) the vertices that they are merged into.
-            which: (q,) the collapse of each triangle.
-            triangle: (q,) the triangles at the tails that stay, each at one tail only.
-            normals: (q, 3) their normals after the collapse, at rest.
-            edges: the edges of the triangles.
-        """
-        beyond = edges.across[triangle]
-        rows = self.triangles[beyond]
-        at_tail = rows == tail[which, None, None]
-        removed = at_tail.any(axis=2) & (rows == head[which, None, None]).any(axis=2) & (beyond >= 0)
-        # The neighbour beyond a removed triangle is that across its side opposite the tail.
-        beyond = np.where(removed, edges.across[beyond, (at_tail.argmax(axis=2) + 1) % 3], beyond)
-        made = self.normals.copy()
-        made[triangle] = normals
-        opening = _openings(made, triangle, beyond)
-        folds = opening < MIN_OPENING
-        before = np.full(len(tail), FLAT_OPENING)
-        np.minimum.at(before, which, _openings(self.normals, triangle, edges.across[triangle]))
-        return folds & (opening < KEPT_OPENING * before[which])
 
     def _move_content(
         self, tail: Integers, head: Integers, around: Lists, which: Integers, content: Integers, at_tail: Booleans
@@ -377,11 +337,10 @@ class CollapsingMesh:
         goal = np.arange(len(self.into))
         goal[tail] = head
         self.into = goal[self.into]
-        if self.mirror is not None:  # images of vertices that are gone without theirs
-            self._unpair(np.setdiff1d(self.mirror[tail], tail))
         self.changed[head] = True
         self.touched[rows] = True
         if self.mirror is not None:
+            self._unpair(np.setdiff1d(self.mirror[tail], tail))  # images of vertices that are gone without theirs
             for marks in (self.changed, self.touched):
                 other = self.mirror[np.flatnonzero(marks)]
                 marks[other[other >= 0]] = True
@@ -389,9 +348,3 @@ class CollapsingMesh:
         self.spare -= np.bincount(self.region[~whole], minlength=len(self.spare))
         self.triangles, self.alive, self.region = self.triangles[whole], self.alive[whole], self.region[whole]
         self.corners, self.content = self.corners[whole], self.content[whole]
-
-
-def _openings(normals: Floats, triangle: Integers, beyond: Integers) -> Floats:
-    """(q,) the smallest opening between triangles (q,) and their neighbours (q, 3), -1 for none, see `MIN_OPENING`."""
-    opening = 1 + np.einsum("qx,qsx->qs", normals[triangle], normals[beyond])
-    return np.asarray(np.where(beyond < 0, FLAT_OPENING, opening).min(axis=1))

@@ -21,7 +21,8 @@ from zoomout_core.mesh.shapes import as_placed_surface
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.runtime.progress import Progress, advance, listening, stage
 from zoomout_core.runtime.threads import on_one_blas_thread
-from zoomout_core.transfer.dressing.contact import CONTACT, Barrier, Contact, SidedSurface
+from zoomout_core.transfer.dressing.barriers import CONTACT, Barrier, SidedSurface
+from zoomout_core.transfer.dressing.contact import Contact
 from zoomout_core.transfer.dressing.form import Form, Lines, place_worn, read_masks
 from zoomout_core.transfer.dressing.kept_parts import KeptParts
 from zoomout_core.transfer.dressing.patches import Patches

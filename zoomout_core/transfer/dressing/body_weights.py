@@ -172,7 +172,7 @@ def _weights_in_shape(body: Surface, shape: Floats, other: WeightedBody) -> csr_
 
 
 def _clip(below: csr_array, same: csr_array) -> csr_array:
-    """Weights (n, b) of the skin below, bounded by multiples of those of the same skin (n, b); else the latter."""
+    """Weights (n, b) of the skin below, bounded by multiples of those of the same skin (n, b); otherwise the latter."""
     kept = normalise(csr_array(below.minimum(MORE * same)))
     has_none = np.asarray(kept.sum(axis=1)).ravel() == 0
     return csr_array(kept + diags_array(has_none.astype(np.float64)) @ same)

@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.mesh.surface import Surface
-from zoomout_core.transfer.dressing.contact import SidedSurface
+from zoomout_core.transfer.dressing.barriers import SidedSurface
 from zoomout_core.transfer.dressing.form import Lines
 
 # A key moves vertices visibly if it displaces them by more than this, at unit area: a millimetre on an adult.

@@ -17,7 +17,7 @@ from zoomout_core.arrays import Floats, Integers
 from zoomout_core.maps.surface_map import interpolation_matrix
 from zoomout_core.mesh.affine_maps import blend_matrices
 from zoomout_core.mesh.triangles import unit_vectors, vertex_normals
-from zoomout_core.transfer.dressing.contact import CONTACT, SidedSurface
+from zoomout_core.transfer.dressing.barriers import CONTACT, SidedSurface
 from zoomout_core.tuning import Tuning, tuned
 
 

@@ -17,7 +17,8 @@ from zoomout_core.arrays import Booleans, Floats, Integers, row_norms
 from zoomout_core.geometry.screened_smoothing import ScreenedSmoothing
 from zoomout_core.mesh.triangles import unit_vectors, vertex_areas
 from zoomout_core.transfer.attribute import Attribute
-from zoomout_core.transfer.frames import Frames, on_working_mesh, without_sums
+from zoomout_core.transfer.frames import Frames, on_working_mesh
+from zoomout_core.transfer.gradients import without_sums
 from zoomout_core.transfer.keys.face_landmarks import (
     BLINK_LEFT,
     BLINK_RIGHT,

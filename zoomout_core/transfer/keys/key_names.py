@@ -7,50 +7,23 @@ that programs add (`blendShape1.`, `Head_`) make no difference.
 
 from __future__ import annotations
 
-import re
-from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
-from itertools import product
-from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
 from zoomout_core.messages import Message, enumeration, message, plural, warning
 from zoomout_core.transfer.attribute import Attribute
-from zoomout_core.transfer.keys.key_table import CONVENTIONS, TABLE
+from zoomout_core.transfer.keys.key_table import CONVENTIONS, Cell, Sum, read_table
+from zoomout_core.transfer.keys.key_words import common_words, forms_of, forms_without
 
-# The suffix that Blender appends to a name in use.
-COPY = re.compile(r"\.\d{3,}$")
-# Beginnings of words within letters: armUpper, LEye.
-NEW_WORD = re.compile(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
-WORD = re.compile(r"[^\W\d_]+|\d+")
-SIDES = {"l": "left", "left": "left", "r": "right", "right": "right"}
-# The node or mesh that a program adds before a name.
-NODE = re.compile(r"^.*[.:|](?=.)")
 # Names follow a convention if at least this many of them belong to it, and if half of them do, or half of its names are
 # present. Fewer may be a coincidence, such as VRM's "a".
 MIN_NAMES, MIN_SHARE = 3, 0.5
-MANY_NAMES = 4096  # names whose forms are cached: those of one head are looked up several times
 MANY_HEADS = 16  # heads whose sorted names are cached: a transfer looks up several keys
 # Number of missing names that a sentence lists.
 LISTED = 12
-
-# The names whose keys add up to an expression.
-Sum: TypeAlias = tuple[str, ...]
-
-
-class Cell(NamedTuple):
-    """An expression in a convention.
-
-    Attributes:
-        written: the name of its key; empty if the convention has no single key for it.
-        sums: the keys, or sums of keys, that make this expression.
-    """
-
-    written: str
-    sums: tuple[Sum, ...]
 
 
 @dataclass(frozen=True)
@@ -92,8 +65,7 @@ def key_names(convention: str) -> tuple[str, ...]:
         (52, ('vrc.v_sil', 'vrc.v_pp'))
     """
     _check(convention)
-    rows = (row[convention].written for row in _expressions() if convention in row)
-    return tuple(dict.fromkeys(filter(None, rows)))
+    return tuple(dict.fromkeys(cell.written for cell in _cells(convention) if cell.written))
 
 
 def recognise_key_names(names: Sequence[str]) -> str | None:
@@ -139,18 +111,36 @@ def translate_key_names(names: Sequence[str], target: str, source: str | None = 
     taken, composed = set(renamed), dict[str, Sum]()
     own = _sort(tuple(names)) if source is None else {source: _find(names, source)}
     for each, found in own.items():
-        rows = [(row[each], row[target]) for row in _expressions() if each in row and target in row]
-        for old, new in rows:
-            for name in (found[keys[0]] for keys in old.sums if len(keys) == 1 and keys[0] in found):
-                if new.written and new.written not in taken and name not in renamed:
-                    renamed[name] = new.written
-                    taken.add(new.written)
-        for old, new in rows:
-            sums = [keys for keys in old.sums if len(keys) > 1 and all(key in found for key in keys)]
-            if new.written and sums and not any(taken.issuperset(keys) for keys in new.sums):
-                composed.setdefault(new.written, tuple(found[key] for key in sums[0]))
+        rows = [(row[each], row[target]) for row in read_table() if each in row and target in row]
+        _rename(rows, found, renamed, taken)
+        _compose(rows, found, taken, composed)
     composed = {new: parts for new, parts in composed.items() if new not in taken}
     return TranslatedKeys(tuple(own), target, renamed, composed, _missing(taken | composed.keys(), target))
+
+
+def _rename(
+    rows: Sequence[tuple[Cell, Cell]], found: Mapping[str, str], renamed: dict[str, str], taken: set[str]
+) -> None:
+    """Add a new name for each name that was found to `renamed`, and to the names that are taken.
+
+    The rows have the cells of both conventions. The names that were found are by their names in the old convention.
+    """
+    for old, new in rows:
+        names = [found[keys[0]] for keys in old.sums if len(keys) == 1 and keys[0] in found]
+        for name in names:
+            if new.written and new.written not in taken and name not in renamed:
+                renamed[name] = new.written
+                taken.add(new.written)
+
+
+def _compose(
+    rows: Sequence[tuple[Cell, Cell]], found: Mapping[str, str], taken: set[str], composed: dict[str, Sum]
+) -> None:
+    """Add the new names that are sums of names that were found to `composed`; arguments are as for `_rename`."""
+    for old, new in rows:
+        sums = [keys for keys in old.sums if len(keys) > 1 and all(key in found for key in keys)]
+        if new.written and sums and not any(taken.issuperset(keys) for keys in new.sums):
+            composed.setdefault(new.written, tuple(found[key] for key in sums[0]))
 
 
 def _check_names(names: Sequence[str]) -> None:
@@ -245,15 +235,16 @@ def _describe_renamed(keys: TranslatedKeys) -> Message:
     return message("{done} from {source} to {target}.", done=done, source=source, target=target)
 
 
-def words_of(name: str) -> list[str]:
-    """The words of a name, in lower case, without the number that Blender appends."""
-    return [word.lower() for word in WORD.findall(NEW_WORD.sub(" ", COPY.sub("", name)))]
-
-
 def _list(names: Iterable[str]) -> str:
     """Names with commas, at most `LISTED`."""
-    first, more = (every := list(names))[:LISTED], len(every) - LISTED
-    return ", ".join(first) + (f", … (+{more})" if more > 0 else "")
+    listed = list(names)
+    more = len(listed) - LISTED
+    return ", ".join(listed[:LISTED]) + (f", … (+{more})" if more > 0 else "")
+
+
+def _cells(convention: str) -> list[Cell]:
+    """The cells of a convention, in the order of the table."""
+    return [row[convention] for row in read_table() if convention in row]
 
 
 def _check(convention: str) -> None:
@@ -263,56 +254,11 @@ def _check(convention: str) -> None:
 
 def _missing(present: Collection[str], convention: str) -> tuple[str, ...]:
     """The names of a convention that are not present, except for parts of an expression that is present."""
-    cells = [row[convention] for row in _expressions() if convention in row]
-    there = set(present)
-    covered = {
-        key for cell in cells if any(there.issuperset(keys) for keys in cell.sums) for keys in cell.sums for key in keys
-    }
+    there, covered = set(present), set[str]()
+    for cell in _cells(convention):
+        if any(there.issuperset(keys) for keys in cell.sums):
+            covered.update(*cell.sums)
     return tuple(name for name in key_names(convention) if name not in covered)
-
-
-# --- the table ----------------------------------------------------------------------------------------------
-
-
-@cache
-def _expressions() -> tuple[Mapping[str, Cell], ...]:
-    """The rows of the table, one for each side: cells by convention."""
-    rows: list[Mapping[str, Cell]] = []
-    for block in TABLE.strip().split("\n\n"):
-        conventions, *lines = ([cell.strip() for cell in line.split("|")] for line in block.splitlines())
-        for line in lines:
-            for side in (0, 1) if any("*" in cell for cell in line) else (0,):
-                rows.append(
-                    {
-                        convention: _read_cell(cell, convention, side)
-                        for convention, cell in zip(conventions, line, strict=True)
-                        if cell
-                    }
-                )
-    return tuple(rows)
-
-
-def _read_cell(cell: str, convention: str, side: int) -> Cell:
-    spelling = CONVENTIONS[convention]
-    sides = spelling.left, spelling.right
-    alternatives = [
-        tuple(spelling.prefix + key for key in _expand(part.strip().replace("*", sides[side]), sides))
-        for part in cell.split("/")
-    ]
-    first = alternatives[0]
-    return Cell(first[0] if len(first) == 1 else "", tuple(filter(None, alternatives)))
-
-
-def _expand(text: str, sides: Sequence[str]) -> Iterator[str]:
-    """The keys that a part of a cell adds up."""
-    pieces = re.split(r"\{(.*?)\}", text.replace("&", f"{{{','.join(sides)}}}"))
-    if text:
-        yield from map(
-            "".join, product(*([piece] if i % 2 == 0 else piece.split(",") for i, piece in enumerate(pieces)))
-        )
-
-
-# --- recognition --------------------------------------------------------------------------------------------
 
 
 @lru_cache(MANY_HEADS)
@@ -329,10 +275,10 @@ def _sort(names: tuple[str, ...]) -> Mapping[str, Mapping[str, str]]:
 
 def _find(names: Sequence[str], convention: str) -> dict[str, str]:
     """The names of a convention that occur, each with the first given name that has it."""
-    known, prefix = _known(convention), _common_words(names)
+    known, prefix = _known(convention), common_words(names)
     found: dict[str, str] = {}
     for name in names:
-        for form in (*_forms(name), *_without(prefix, name)):
+        for form in (*forms_of(name), *forms_without(prefix, name)):
             if form in known:
                 found.setdefault(known[form], name)
                 break
@@ -342,46 +288,8 @@ def _find(names: Sequence[str], convention: str) -> dict[str, str]:
 @cache
 def _known(convention: str) -> Mapping[str, str]:
     """The names of a convention by their forms, with and without its prefix."""
-    cells = (row[convention] for row in _expressions() if convention in row)
     known: dict[str, str] = {}
-    for name in dict.fromkeys(key for cell in cells for keys in cell.sums for key in keys):
-        for form in (*_forms(name), *_forms(name.removeprefix(CONVENTIONS[convention].prefix))):
+    for name in dict.fromkeys(key for cell in _cells(convention) for keys in cell.sums for key in keys):
+        for form in (*forms_of(name), *forms_of(name.removeprefix(CONVENTIONS[convention].prefix))):
             known.setdefault(form, name)
     return known
-
-
-@lru_cache(MANY_NAMES)
-def _forms(name: str) -> tuple[str, ...]:
-    """The forms of a name to compare: its words with a single side at the end, its letters, and both without a node."""
-    name = COPY.sub("", name)
-    bare = NODE.sub("", name)
-    texts = (name, bare if bare.lower() not in SIDES else name)
-    return tuple(form for text in texts for form in (_join(words_of(text)), "".join(WORD.findall(text)).lower()))
-
-
-def _join(words: Sequence[str]) -> str:
-    sides = [SIDES[word] for word in words if word in SIDES]
-    if len(sides) != 1:
-        return "".join(SIDES.get(word, word) for word in words)
-    return "".join(word for word in words if word not in SIDES) + sides[0]
-
-
-def _common_words(names: Sequence[str]) -> list[str]:
-    """The words that most of the names begin with."""
-    every = [words_of(name) for name in names]
-    common: list[str] = []
-    while every:
-        following = Counter(words[len(common)] for words in every if len(words) > len(common) + 1)
-        word = max(following, key=lambda each: following[each], default="")
-        if 2 * following[word] <= len(names):
-            break
-        every = [words for words in every if words[: len(common) + 1] == [*common, word]]
-        common.append(word)
-    return common
-
-
-def _without(prefix: Sequence[str], name: str) -> Iterator[str]:
-    """The form of a name without some words at its beginning."""
-    words = words_of(name)
-    if prefix and words[: len(prefix)] == list(prefix):
-        yield _join(words[len(prefix) :])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The names of expression keys in each convention, as one table; `key_names` reads it.
+"""The names of expression keys in each convention, as one table.
 
 Each row is one expression. A cell contains the name of its key, without the prefix of the convention. In a cell
 
@@ -19,7 +19,11 @@ it; the schemas of VRM 0.x and 1.0. Left and right are those of the character.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
+from itertools import product
+from typing import NamedTuple, TypeAlias
 
 
 class Spelling(NamedTuple):
@@ -281,3 +285,57 @@ I / ih | ih     | ih   | i
 O / oh | oh     | oh   | o
 U / ou | ou     | ou   | u
 """
+
+# The names whose keys add up to an expression.
+Sum: TypeAlias = tuple[str, ...]
+
+
+class Cell(NamedTuple):
+    """An expression in a convention.
+
+    Attributes:
+        written: the name of its key; empty if the convention has no single key for it.
+        sums: the keys, or sums of keys, that make this expression.
+    """
+
+    written: str
+    sums: tuple[Sum, ...]
+
+
+@cache
+def read_table() -> tuple[Mapping[str, Cell], ...]:
+    """The rows of the table, one for each side: cells by convention."""
+    rows: list[Mapping[str, Cell]] = []
+    for block in TABLE.strip().split("\n\n"):
+        conventions, *lines = ([cell.strip() for cell in line.split("|")] for line in block.splitlines())
+        for line in lines:
+            for side in (0, 1) if any("*" in cell for cell in line) else (0,):
+                rows.append(
+                    {
+                        convention: _read_cell(cell, convention, side)
+                        for convention, cell in zip(conventions, line, strict=True)
+                        if cell
+                    }
+                )
+    return tuple(rows)
+
+
+def _read_cell(cell: str, convention: str, side: int) -> Cell:
+    """Read a cell of a row for the left side (0) or the right side (1)."""
+    spelling = CONVENTIONS[convention]
+    sides = spelling.left, spelling.right
+    alternatives = [
+        tuple(spelling.prefix + key for key in _expand(part.strip().replace("*", sides[side]), sides))
+        for part in cell.split("/")
+    ]
+    first = alternatives[0]
+    return Cell(first[0] if len(first) == 1 else "", tuple(filter(None, alternatives)))
+
+
+def _expand(text: str, sides: Sequence[str]) -> Iterator[str]:
+    """The keys that a part of a cell adds up."""
+    if text:
+        # Odd pieces are the alternatives within braces.
+        pieces = re.split(r"\{(.*?)\}", text.replace("&", f"{{{','.join(sides)}}}"))
+        choices = [piece.split(",") if number % 2 else [piece] for number, piece in enumerate(pieces)]
+        yield from map("".join, product(*choices))

@@ -25,16 +25,8 @@ from zoomout_core.geometry.screened_smoothing import ScreenedSmoothing
 from zoomout_core.messages import message, plural, warning
 from zoomout_core.runtime.threads import for_each
 from zoomout_core.transfer.attribute import Attribute
-from zoomout_core.transfer.frames import (
-    FULL_CONFIDENCE,
-    MIN_TRUST,
-    Frames,
-    frames_of,
-    frames_on,
-    on_working_mesh,
-    turn_gradients,
-    without_sums,
-)
+from zoomout_core.transfer.frames import FULL_CONFIDENCE, MIN_TRUST, Frames, frames_of, frames_on, on_working_mesh
+from zoomout_core.transfer.gradients import turn_gradients, without_sums
 from zoomout_core.transfer.keys.closed_lids import close_lids
 from zoomout_core.transfer.keys.face_landmarks import find_expressions, find_slits
 from zoomout_core.transfer.keys.face_registration import register_face

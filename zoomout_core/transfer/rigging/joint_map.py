@@ -18,11 +18,11 @@ from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.geometry.oriented_closest_points import OrientedSurface
 from zoomout_core.geometry.procrustes import SMALLEST, Similarities, procrustes
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.mesh.affine_maps import transform_points
+from zoomout_core.mesh.affine_maps import blend_matrices, transform_points
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import vertex_normals
-from zoomout_core.transfer.rigging.bone_fit import next_above
 from zoomout_core.transfer.rigging.bone_pairs import Skeleton, same_humanoid
+from zoomout_core.transfer.rigging.bone_tree import next_above
 from zoomout_core.transfer.rigging.humanoid import MIN_BONES
 from zoomout_core.transfer.rigging.poses import parents_first
 from zoomout_core.transfer.rigging.rig import align_bones
@@ -99,22 +99,41 @@ class SharedJoints(NamedTuple):
         """The map from the target to the source by the joints."""
         source, target = self.source, self.target
         posed = transform_points(skinning_matrices(self._transforms(), source.weights), source.surface.vertices)
-        triangles = source.surface.triangles
+        unit = float(np.sqrt(target.surface.area))
+        triangle, barycentric = self._closest(
+            target, source._replace(surface=source.surface.with_vertices(posed)), unit
+        )
+        return SurfaceMap(triangle, barycentric, source.surface.triangles)
+
+    def project_source(self, places: Floats) -> Floats:
+        """(n, 3) the points of the target closest to places (n, 3) of the source's vertices, on the same bones."""
+        source, target = self.source, self.target.surface
+        unit = float(np.sqrt(target.area))
+        triangle, barycentric = self._closest(
+            source._replace(surface=source.surface.with_vertices(places)), self.target, unit
+        )
+        return np.asarray(np.einsum("nc,ncx->nx", barycentric, target.vertices[target.triangles[triangle]]))
+
+    def _closest(self, side: _Side, other: _Side, unit: float) -> tuple[Integers, Floats]:
+        """Triangles of the other side, and barycentric coordinates there, closest to the vertices of a side.
+
+        They belong to the bone of the vertex or to one next to it.
+        """
+        triangles = other.surface.triangles
         # Each triangle belongs to all bones near its own one, and those without a bone to none.
-        owner, near = source.bone[triangles].max(axis=1), self.are_near
+        owner, near = other.bone[triangles].max(axis=1), self.are_near
         bone, triangle = np.nonzero(near[:, owner] & (owner >= 0))
-        # Vertices of the target without weights, or whose bone moves nothing of the source, search everywhere.
+        # Vertices without weights, or whose bone moves nothing of the other side, search everywhere.
         everywhere = len(near)
         group = np.concatenate([bone, np.full(len(triangles), everywhere)])
         chosen = np.concatenate([triangle, np.arange(len(triangles))])
         flipped = np.zeros(len(chosen), dtype=bool)
-        unit = float(np.sqrt(target.surface.area))
-        surface = OrientedSurface(posed, triangles[chosen], flipped, JOINT_MAP.facing * unit, group)
-        of_target = np.where(target.bone >= 0, target.bone, everywhere)
-        of_target[~surface.has_group(of_target)] = everywhere
-        normals = vertex_normals(target.surface.vertices, target.surface.triangles)
-        found, barycentric, _ = surface.closest(target.surface.vertices, normals, of_target)
-        return SurfaceMap(chosen[found], barycentric, triangles)
+        surface = OrientedSurface(other.surface.vertices, triangles[chosen], flipped, JOINT_MAP.facing * unit, group)
+        own = np.where(side.bone >= 0, side.bone, everywhere)
+        own[~surface.has_group(own)] = everywhere
+        normals = vertex_normals(side.surface.vertices, side.surface.triangles)
+        found, barycentric, _ = surface.closest(side.surface.vertices, normals, own)
+        return chosen[found], barycentric
 
     def contradict(self, surface_map: SurfaceMap) -> bool:
         """Whether a map confuses limbs, but the map by the joints hardly does."""
@@ -127,6 +146,23 @@ class SharedJoints(NamedTuple):
         is_known = (image >= 0) & (own >= 0)
         is_off = is_known & ~self.are_near[own, image]
         return self.target.surface.share_of_area(is_off) / max(self.target.surface.share_of_area(is_known), SMALLEST)
+
+    def stretch_source(self) -> Floats:
+        """(n, 3) the source's vertices moved by the joints to the target's, without change of girth.
+
+        Bones take the target's lengths, and their surroundings the scale of the whole across them.
+        """
+        before, after, parents = self.source.heads, self.target.heads, self.parents
+        transforms, across = self._transforms(), float(procrustes(before, after).scale)
+        linear = np.tile(across * np.eye(3), (len(parents), 1, 1))
+        for joint in np.unique(parents[parents >= 0]).tolist():
+            arm = (before[parents == joint] - before[joint]).sum(axis=0)
+            axis = arm / max(float(np.linalg.norm(arm)), SMALLEST)
+            linear[joint] += (transforms.scale[joint] - across) * np.outer(axis, axis)
+        linear = transforms.rotation @ linear
+        translation = after - np.einsum("jxy,jy->jx", linear, before)
+        matrices = np.concatenate([linear, translation[:, :, None]], axis=2)
+        return transform_points(blend_matrices(matrices, self.source.weights), self.source.surface.vertices)
 
     def _transforms(self) -> Similarities:
         """(j,) similarities that take the source's joints, and the directions and lengths of bones, to the target's."""

@@ -33,7 +33,9 @@ from zoomout_core.runtime.threads import on_one_blas_thread
 from zoomout_core.transfer.frames import FULL_CONFIDENCE
 from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.rigging.bone_axes import keep_axes
-from zoomout_core.transfer.rigging.bone_fit import BONES, Pose, estimate_pose, refine_pose
+from zoomout_core.transfer.rigging.bone_fit import Pose, estimate_pose, refine_pose
+from zoomout_core.transfer.rigging.bone_problem import BONES
+from zoomout_core.transfer.rigging.reached_surface import ReachedSurface
 from zoomout_core.transfer.rigging.skinning import skinning_matrices
 from zoomout_core.transfer.rigging.unpose import Rest, inverse_skinning
 from zoomout_core.transfer.rigging.weights import mixing_matrix
@@ -61,6 +63,7 @@ class RestTuning(Tuning, set_by="binding"):
             times the limit becomes .2 to .4 times; of five other bodies, 1.6 to 3.0 times becomes 1.5 to 2.1 times.
         near: maximum distance from the source for projecting a vertex.
         along: maximum distance of the projection from the map's image.
+        reach: maximum distance of places of a loose part from images on it, for projecting vertices there.
         facing: minimum cosine between both normals.
         beside: weight of the map at vertices that are not projected.
         rounds: number of rounds of projecting and fitting.
@@ -76,6 +79,7 @@ class RestTuning(Tuning, set_by="binding"):
     averaged: float = tuned(0.02, "at unit area", 1e-9, 1)
     near: float = tuned(0.03, "at unit area", 0, 1)
     along: float = tuned(0.1, "at unit area", 0, 10)
+    reach: float = tuned(0.03, "at unit area", 0, 10)
     facing: float = tuned(0.5, "1", -1, 1)
     beside: float = tuned(0.1, "1", 0, 1)
     rounds: int = tuned(6, "rounds", 0, 100)
@@ -110,7 +114,7 @@ def correct_map(mapped: MappedTarget, posed: PosedTarget, weights: csr_array) ->
     if posed.mapped.surface_map is mapped.surface_map:
         return mapped
     rest = posed.mapped.source
-    search = SurfaceSearch(rest.vertices, rest.triangles)
+    search = ReachedSurface(rest, mapped, REST.reach * np.sqrt(rest.area))
     at_rest = replace(mapped, source=rest)
     projection = _project_at_rest(posed.mapped, at_rest, posed.pose, weights, search, REST.along, -np.inf)
     confidence = np.where(projection.trusted, np.maximum(mapped.confidence, FULL_CONFIDENCE), mapped.confidence)
@@ -194,7 +198,8 @@ def find_pose(mapped: MappedTarget, rest: Surface, weights: csr_array, parents: 
     own = csr_array(mixing_matrix(mapped) @ weights)
     fitted = mapped.points, target.vertices, own, areas * confidence, parents
     pose = estimate_pose(*fitted)
-    search, normals = SurfaceSearch(rest.vertices, rest.triangles), vertex_normals(target.vertices, target.triangles)
+    search = ReachedSurface(rest, mapped, REST.reach * np.sqrt(rest.area))
+    normals = vertex_normals(target.vertices, target.triangles)
     found = replace(mapped, confidence=confidence)
     for _ in range(REST.rounds):
         projection = _project_at_rest(found, mapped, pose, weights, search, REST.along)
@@ -273,7 +278,7 @@ def _project_at_rest(
     mapped: MappedTarget,
     pose: Pose,
     weights: csr_array,
-    search: SurfaceSearch,
+    search: ReachedSurface,
     along: float,
     min_facing: float | None = None,
 ) -> _Projection:
@@ -312,12 +317,12 @@ def _height_of_arcs(surface: Surface) -> float:
 
 
 def _follow(projection: _Projection, mapped: MappedTarget, confidence: Floats) -> MappedTarget:
-    """The target along a projection: certain where it is trusted, else hardly trusted."""
+    """The target along a projection: certain where it is trusted, and with little weight elsewhere."""
     trust = np.where(projection.trusted, FULL_CONFIDENCE, REST.beside * confidence)
     return replace(mapped, surface_map=projection.surface_map, confidence=trust)
 
 
-def _unbend(pose: Pose, vertices: Floats, areas: Floats, rest: Surface, search: SurfaceSearch) -> Pose:
+def _unbend(pose: Pose, vertices: Floats, areas: Floats, rest: Surface, search: ReachedSurface) -> Pose:
     """The rest pose that brings vertices (n_t, 3) with areas (n_t,) closest to the source at rest.
 
     The similarity follows from iterated closest points (Besl and McKay, A method for registration of 3-D shapes, 1992).

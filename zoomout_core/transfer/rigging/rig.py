@@ -23,7 +23,6 @@ from scipy.sparse import csr_array, diags_array, eye_array, vstack
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Floats, Integers
-from zoomout_core.geometry.closest_points import SurfaceSearch
 from zoomout_core.geometry.procrustes import SMALLEST, Similarities, nearest_rotations, procrustes
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.shapes import ShapeLike, as_placed_surface
@@ -32,6 +31,7 @@ from zoomout_core.messages import Message, plural
 from zoomout_core.runtime.threads import on_one_blas_thread
 from zoomout_core.transfer.dressing.dress import shape_of_source
 from zoomout_core.transfer.rigging.joints import MovedJoints, finite_joints
+from zoomout_core.transfer.rigging.symmetric_joints import make_symmetric
 from zoomout_core.transfer.rules import Match, map_target
 from zoomout_core.tuning import Tuning, tuned
 
@@ -45,9 +45,6 @@ class RigTuning(Tuning, set_by="rigs"):
             relative to the weight of its own place, times the square of its depth.
         along: weight of a bone's direction and length, times the square of its length, relative to the same.
         shallow: the depth of joints closer to the surface than this.
-        symmetric: largest distance of a joint from the mirror image of its partner, and of the surface from its own
-            mirror image, in a symmetric rig or surface. Relative to the root mean square distance of joints from their
-            mean.
         falloff: power of the distance from a joint by which the weight of the surface around it falls.
         coarse: number of vertices below which a target is too coarse for the source to take its shape. Joints then
             follow the images of the target's vertices.
@@ -56,7 +53,6 @@ class RigTuning(Tuning, set_by="rigs"):
     between: float = tuned(16.0, "1", 0, 1e6)
     along: float = tuned(1.0, "1", 0, 1e6)
     shallow: float = tuned(0.001, "at unit area", 1e-6, 1)
-    symmetric: float = tuned(0.03, "1", 0, 1)
     falloff: float = tuned(3.0, "1", 1, 12)
     coarse: float = tuned(0.5, "of the source's vertices", 0, 1)
 
@@ -71,14 +67,6 @@ ROLL = 1e-3
 # A bone is along a longer bone if its ends are within the first number of it, relative to the bone's own length, and
 # the other is at least the second number times as long.
 ON_BONE, LONGER = 0.01, 1.01
-# Rounds of assigning joints to mirror images, which converge after two or three.
-ROUNDS = 5
-# A rig is symmetric if at least this share of its joints is: others may belong to a weapon in one hand.
-MIN_PAIRED = 0.8
-# A surface is symmetric if at least this share of its vertices is: others may belong to hair or to a pocket.
-SYMMETRIC_SHARE = 0.99
-# Largest number of vertices by which the symmetry of a surface is measured.
-MAX_MIRRORED = 2000
 
 
 class Deformation(NamedTuple):
@@ -144,7 +132,7 @@ def follow_longer_bones(
 ) -> tuple[Floats, Floats, Floats]:
     """Moved bones (b), in which those along a longer bone still are along it: halves of a limb, twists and controls.
 
-    Short bones would else take other directions than the bone that they copy or follow by constraints.
+    Short bones would otherwise take other directions than the bone that they copy or follow by constraints.
 
     Args:
         heads: (b, 3) where bones begin.
@@ -234,7 +222,7 @@ def place_joints(deformation: Deformation, joints: Floats, parents: Integers) ->
     motions = _motions_around(deformation, places)
     depth = np.maximum(cKDTree(deformation.before).query(places)[0], RIG.shallow * deformation.unit)
     found = _solve(places, motions, depth, edges)
-    found, rotations = _make_symmetric(places, found, motions.rotation, edges, deformation.target)
+    found, rotations = make_symmetric(places, found, motions.rotation, edges, deformation.target)
     return MovedJoints(found[number], align_bones(joints, found[number], parents, rotations[number]))
 
 
@@ -307,75 +295,6 @@ def _middles(count: int, edges: Integers) -> tuple[Integers, Integers, Integers]
     joint = np.flatnonzero(single_above & single_below)
     joint = joint[before[joint] != after[joint]]
     return joint, before[joint], after[joint]
-
-
-def _make_symmetric(
-    before: Floats, found: Floats, rotations: Floats, edges: Integers, target: Surface
-) -> tuple[Floats, Floats]:
-    """Positions (j, 3) and rotations (j, 3, 3) of joints, made symmetric if those before are nearly symmetric.
-
-    The joints that were found, or the target's surface, must nearly be as well. The surface is the target's own: a map
-    with errors on one side would make the source in the target's shape asymmetric.
-    """
-    joint, partner = _mirror_pairs(before, edges)
-    if not len(joint):
-        return found, rotations
-    earlier, mirror = (_mirror(points[joint], points[partner]) for points in (before, found))
-    off = _distances(mirror(found[joint]), found[partner], found)
-    if (off > RIG.symmetric).any():
-        mirror, off = _mirror_of_surface(target, mirror)
-        if np.quantile(_relative_to(off, found), SYMMETRIC_SHARE) > RIG.symmetric:
-            return found, rotations
-    positions, turned = found.copy(), rotations.copy()
-    positions[joint] = (found[joint] + mirror(found[partner])) / 2
-    turned[joint] = nearest_rotations(rotations[joint] + mirror.rotation @ rotations[partner] @ earlier.rotation.T)
-    return positions, turned
-
-
-def _mirror_pairs(joints: Floats, edges: Integers) -> tuple[Integers, Integers]:
-    """Joints that a plane of symmetry mirrors, and the mirror image of each, which may be itself; none without one."""
-    bones = set(map(tuple, edges.tolist()))
-    middle, everyone = joints.mean(axis=0), np.arange(len(joints))
-    for normal in np.linalg.svd(joints - middle, full_matrices=True)[2]:
-        image = joints - 2 * np.outer((joints - middle) @ normal, normal)
-        for _ in range(ROUNDS):
-            partner = np.asarray(cKDTree(joints).query(image)[1])
-            paired = (partner[partner] == everyone) & (_distances(image, joints[partner], joints) <= RIG.symmetric)
-            if np.mean(paired) < MIN_PAIRED:
-                break
-            image = _mirror(joints[paired], joints[partner[paired]])(joints)
-        else:
-            inside = edges[paired[edges].all(axis=1)]
-            if (partner != everyone)[paired].any() and bones.issuperset(map(tuple, partner[inside].tolist())):
-                return everyone[paired], partner[paired]
-    return everyone[:0], everyone[:0]
-
-
-def _mirror(points: Floats, images: Floats) -> Similarities:
-    """The reflection that brings points (j, 3) closest to their images (j, 3)."""
-    return procrustes(points, images, handedness=-1, scales=(1, 1))
-
-
-def _mirror_of_surface(surface: Surface, start: Similarities) -> tuple[Similarities, Floats]:
-    """The reflection near another one that brings a surface closest to itself, and distances of vertices from it."""
-    chosen = np.linspace(0, len(surface.vertices) - 1, min(len(surface.vertices), MAX_MIRRORED)).astype(np.int64)
-    points, mirror = surface.vertices[chosen], start
-    search = SurfaceSearch(surface.vertices, surface.triangles)
-    for _ in range(ROUNDS):
-        image = SurfaceMap(*search.closest(mirror(points)), surface.triangles).interpolate(surface.vertices)
-        mirror = _mirror(points, image)
-    return mirror, np.linalg.norm(mirror(points) - image, axis=1)
-
-
-def _distances(points: Floats, others: Floats, joints: Floats) -> Floats:
-    """(m,) distances of points from others, relative to the extent of joints."""
-    return _relative_to(np.linalg.norm(points - others, axis=1), joints)
-
-
-def _relative_to(distances: Floats, joints: Floats) -> Floats:
-    """(m,) distances, relative to the root mean square distance of joints (j, 3) from their mean."""
-    extent = np.sqrt(((joints - joints.mean(axis=0)) ** 2).sum(axis=1).mean())
-    return np.asarray(distances / max(extent, SMALLEST))
 
 
 def align_bones(before: Floats, after: Floats, parents: Integers, rotations: Floats) -> Floats:

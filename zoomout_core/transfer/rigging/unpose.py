@@ -19,14 +19,8 @@ from zoomout_core.geometry.screened_smoothing import ScreenedSmoothing
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import unique_edges
 from zoomout_core.spectral.laplacian import mesh_laplacian
-from zoomout_core.transfer.frames import (
-    FRAMES,
-    FULL_CONFIDENCE,
-    MIN_TRUST,
-    on_working_mesh,
-    turn_gradients,
-    without_sums,
-)
+from zoomout_core.transfer.frames import FRAMES, FULL_CONFIDENCE, MIN_TRUST, on_working_mesh
+from zoomout_core.transfer.gradients import turn_gradients, without_sums
 from zoomout_core.tuning import Tuning, tuned
 
 

@@ -89,10 +89,9 @@ def mix_weights(
         notes += found
     mixed.data[mixed.data < MIN_WEIGHT] = 0
     mixed.eliminate_zeros()
-    counted = shared[weights.indices] & (weights.data >= MIN_WEIGHT)
-    most = int(np.bincount(row_of(weights)[counted], minlength=1).max())
-    if limit is None or limit >= most:
-        _keep_largest(mixed, shared, limit or most)
+    max_count = _max_count(weights, shared)
+    if limit is None or limit >= max_count:
+        _keep_largest(mixed, shared, limit or max_count)
     else:
         limit_weights(mixed, mapped.target, shared, limit)
     wanted = np.where(np.abs(both_sums[:, 0] - 1) < SUM_TOLERANCE, 1.0, both_sums[:, 1])
@@ -109,6 +108,12 @@ def mix_weights(
             ),
         )
     return replace(attribute, values=mixed.astype(attribute.values.dtype), notes=notes)
+
+
+def _max_count(weights: csr_array, shared: Booleans) -> int:
+    """The largest number of the shared groups, a mask (groups,), that a vertex has."""
+    counted = shared[weights.indices] & (weights.data >= MIN_WEIGHT)
+    return int(np.bincount(row_of(weights)[counted], minlength=1).max())
 
 
 def limit_weights(weights: csr_array, surface: Surface, shared: Booleans, limit: int) -> None:

@@ -29,7 +29,7 @@ from zoomout_core.transfer.mapped_target import MappedTarget
 
 # Distance of a crossing from an end of its edge, in edge lengths, below which it snaps to that end to avoid slivers.
 SNAP_DISTANCE = 0.1
-# Minimum share of a face's area that an edge spans with a meeting point of seams; else the point is not used.
+# Minimum share of a face's area that an edge spans with a meeting point of seams; otherwise the point is not used.
 MIN_SPOKE_AREA = 0.02
 # Bisections of an edge to find where it crosses a seam.
 BISECTIONS = 14

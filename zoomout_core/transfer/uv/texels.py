@@ -98,7 +98,7 @@ def texels_of(uv: Floats, width: int, height: int) -> tuple[Integers, Integers, 
     """The texels of an image that triangles (m, 3, 2) cover or touch, and their places in these.
 
     Returns:
-        (q,) numbers of texels, row after row from the bottom; (q,) the triangle that contains each, or else the
+        (q,) numbers of texels, row after row from the bottom; (q,) the triangle that contains each, otherwise the
         nearest; and (q, 3) the place in it nearest to the texel's centre.
     """
     best = np.full(width * height, np.inf)

@@ -302,6 +302,21 @@ def test_confidence_is_the_trust_of_the_body_reduced_by_distance(trust: float, o
         np.testing.assert_array_equal(confidence, 0)
 
 
+EYE, SPECK, PACK = ball(0.03, (0, 0.3, 0.1), count=40), ball(0.005, (0, 0.25, 0), count=20), ball(0.12, (0, -0.5, 0))
+
+
+@pytest.mark.parametrize(
+    ("beside", "dressed", "paired"), [(SPECK, True, 0), (SPECK, False, 1), (EYE, True, 2), (PACK, True, 1)]
+)
+def test_one_skin_beside_debris_is_not_the_body_below_clothes(beside: Surface, dressed: bool, paired: int) -> None:
+    body, coat = ball(0.3, radii=(1, 0.7, 1.6), count=500), ball(0.32, radii=(1, 0.7, 1.3), count=500)
+    source, target = Surface.joined([body, coat, EYE] if dressed else [body, EYE]), Surface.joined([body, beside])
+    found = map_of(source, rotate(target))
+    on_body = source.working.component[source.working.triangles[found.surface_map.triangle, 0]] == 0
+    assert found.paired == paired
+    assert on_body[target.working.component == 0].all() == (paired > 0)
+
+
 @pytest.mark.parametrize("itself", [False, True])
 def test_overlapping_shells_stay_except_in_a_self_map(itself: bool) -> None:
     source = Surface.joined([TRUNK, HORN, KNOB])

@@ -8,11 +8,8 @@ import pytest
 from creatures import creature
 
 from zoomout_core.maps.functional_map import resolvent_mask
-from zoomout_core.maps.zoomout import nearest_samples
-from zoomout_core.matching.hypotheses.descriptors import (
-    _fit,
-    descriptor_hypotheses,
-)
+from zoomout_core.maps.upsample import nearest_samples
+from zoomout_core.matching.hypotheses.descriptors import _fit, descriptor_hypotheses
 from zoomout_core.matching.hypotheses.hypothesis import alike
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.ranking.scores import scores_of, total_score

@@ -11,23 +11,10 @@ import numpy as np
 import pytest
 from creatures import Creature
 from scipy.spatial import cKDTree
-from shapes import (
-    CENTAUR,
-    HAND,
-    HEAD,
-    ONE_ARMED_CENTAUR,
-    SPIDER,
-    STONE,
-    TABLE,
-    Figure,
-    Shaped,
-    shape,
-    sheet,
-    truth,
-)
+from shapes import CENTAUR, HAND, HEAD, ONE_ARMED_CENTAUR, SPIDER, STONE, TABLE, Figure, Shaped, shape, sheet, truth
 
 import zoomout_core as zo
-from zoomout_core.maps.zoomout import nearest_samples, upsample
+from zoomout_core.maps.upsample import nearest_samples, upsample
 from zoomout_core.matching.hypotheses.descriptors import DESCRIPTORS, descriptor_hypotheses
 from zoomout_core.matching.hypotheses.extremities import (
     EXTREMITIES,

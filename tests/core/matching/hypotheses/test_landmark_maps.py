@@ -8,7 +8,7 @@ import pytest
 from creatures import creature, mirrored_vertex, true_vertex
 from shapes import sheet, truth
 
-from zoomout_core.maps.zoomout import nearest_samples
+from zoomout_core.maps.upsample import nearest_samples
 from zoomout_core.matching.hypotheses.landmarks import landmark_hypothesis
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis, analyse
 from zoomout_core.matching.preparation.landmark_features import LANDMARKS

@@ -24,9 +24,10 @@ from zoomout_core.matching.partial.rigid_placements import (
     Placement,
     rigid_placements,
     rotations,
+    upright_rotations,
 )
 from zoomout_core.matching.ranking.candidate import Candidate
-from zoomout_core.matching.ranking.scores import EVIDENCE_WEIGHTS, UPRIGHT
+from zoomout_core.matching.ranking.scores import EVIDENCE_WEIGHTS, UP_AXES, UPRIGHT
 from zoomout_core.matching.registration.nonrigid_icp import NONRIGID_SCHEDULE, Level
 from zoomout_core.tuning import retune
 
@@ -106,6 +107,41 @@ def test_few_votes_suffice_for_the_right_placement_and_few_rotations_do_not(frag
         assert off(fragments, rigid_placements(fragments.part, fragments.whole)[0].positions) < 0.1
     with retune(RIGID_PLACEMENTS, rotations=3):
         assert off(fragments, rigid_placements(fragments.part, fragments.whole)[0].positions) > 0.1
+
+
+def test_upright_rotations_keep_the_axis_up_within_the_tilt() -> None:
+    for axis in range(3):
+        tried = upright_rotations(axis)
+        np.testing.assert_allclose(tried @ np.swapaxes(tried, 1, 2), np.tile(np.eye(3), (len(tried), 1, 1)), atol=1e-12)
+        np.testing.assert_allclose(np.linalg.det(tried), 1)
+        tilt = np.degrees(np.arccos(np.clip(tried[:, axis, axis], -1, 1)))
+        assert set(tilt.round(3)) == {0.0, RIGID_PLACEMENTS.tilt}
+        turned = tried[tilt < 1][:, (axis + 1) % 3, (axis + 1) % 3]
+        assert len(turned) == 360 / RIGID_PLACEMENTS.upright_step
+        np.testing.assert_allclose(np.sort(turned)[[0, -1]], [-1, 1])
+
+
+@pytest.mark.parametrize("axis", UP_AXES)
+def test_upright_rotations_find_what_other_rotations_miss(fragments: PartAndWhole, axis: int) -> None:
+    turn = Rotation.from_rotvec(np.radians(100) * np.eye(3)[axis]).as_matrix() @ TURN.T
+    part = fragments.part.shape
+    moved = replace(part.proxy.mesh, vertices=part.proxy.mesh.vertices @ turn.T)
+    standing = IncompleteShape(replace(part, proxy=replace(part.proxy, mesh=moved, full=moved)))
+    with retune(RIGID_PLACEMENTS, rotations=3, kept=4):
+        first = rigid_placements(standing, fragments.whole)[0]
+        upright = rigid_placements(standing, fragments.whole, upright=True)
+    assert off(fragments, first.positions) > 0.1
+    assert off(fragments, upright[0].positions) < 0.1
+    assert len(upright) <= 4
+
+
+def test_a_fragment_that_lies_is_also_found_if_others_stand(
+    fragments: PartAndWhole, placements: list[Placement]
+) -> None:
+    found = rigid_placements(fragments.part, fragments.whole, upright=True)
+    assert off(fragments, found[0].positions) < 0.1
+    assert len(found) <= RIGID_PLACEMENTS.kept
+    assert [one.rank for one in found] == sorted(one.rank for one in found)
 
 
 @pytest.fixture(scope="module")

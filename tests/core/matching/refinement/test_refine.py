@@ -36,13 +36,12 @@ class Rounds:
         self.finishing = 0.0
         aligned, beside = refinement.align_and_match, refinement.beside_places
 
-        def round_of(vertex: Any, source: ShapeAnalysis, *others: Any, **weight: float) -> Any:
-            _, _, _, k, width, _, *among = others
+        def round_of(vertex: Any, pair: Any, k: int, width: float, *among: Any, **weight: float) -> Any:
             self.sizes.append(k)
             self.widths.append(width)
-            self.counts.append(len(np.arange(len(source.mesh.vertices))[among[0]]) if among else 0)
+            self.counts.append(len(np.arange(len(pair.source.mesh.vertices))[among[0]]) if among else 0)
             self.weights.append(weight.get("weight"))
-            return aligned(vertex, source, *others, **weight)
+            return aligned(vertex, pair, k, width, *among, **weight)
 
         def last(*args: Any) -> Any:
             self.finishing = args[-1]

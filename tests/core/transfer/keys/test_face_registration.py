@@ -13,8 +13,10 @@ from transfer_meshes import nearest_map
 
 import zoomout_core as zo
 from zoomout_core.transfer.keys import face_registration
+from zoomout_core.transfer.keys.face_piece import FACE_REGISTRATION, FacePiece, Guides
 from zoomout_core.transfer.keys.face_registration import register_face
 from zoomout_core.transfer.mapped_target import MappedTarget
+from zoomout_core.tuning import retune
 
 FACE = make_face()
 PLACES = FACE.surface.vertices
@@ -57,16 +59,13 @@ def test_registration_reduces_map_errors_on_the_face() -> None:
         ("moved", 0.9),
     ],
 )
-def test_tuned_numbers_reduce_map_errors(
-    number: str, value: float | tuple[float, ...], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_tuned_numbers_reduce_map_errors(number: str, value: float | tuple[float, ...]) -> None:
     found = registered_error()
-    other = replace(face_registration.FACE_REGISTRATION, **{number: value})
-    monkeypatch.setattr(face_registration, "FACE_REGISTRATION", other)
-    assert found < 0.9 * error(register_face(VALUES, EXPRESSIONS, map_to_wider_face()))
+    with retune(FACE_REGISTRATION, **{number: value}):
+        assert found < 0.9 * error(register_face(VALUES, EXPRESSIONS, map_to_wider_face()))
 
 
-def test_rims_are_aligned_with_wider_eyes_and_mouths(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_rims_are_aligned_with_wider_eyes_and_mouths() -> None:
     x, y, _ = PLACES.T
     corners, blinks = FACE.corners[:2], VALUES[:, :2].sum(axis=1)
     wider = PLACES - 0.5 * blinks
@@ -80,10 +79,9 @@ def test_rims_are_aligned_with_wider_eyes_and_mouths(monkeypatch: pytest.MonkeyP
         off = np.abs(register_face(VALUES, EXPRESSIONS, other).points - PLACES)
         return np.array([off[lids, 1].mean(), off[corners, 0].mean()])
 
-    without_rims = replace(face_registration.FACE_REGISTRATION, rim_weight=0.0)
     attracted = rim_errors()
-    monkeypatch.setattr(face_registration, "FACE_REGISTRATION", without_rims)
-    assert (attracted < np.array([0.4, 0.5]) * rim_errors()).all()
+    with retune(FACE_REGISTRATION, rim_weight=0.0):
+        assert (attracted < np.array([0.4, 0.5]) * rim_errors()).all()
 
 
 @pytest.mark.parametrize(("blinking", "share"), [(0.0, 0.7), (1.0, 0.1)])
@@ -114,7 +112,7 @@ ON_LIPS = (FACE.opens[0] > 0.5) & (np.abs(PLACES[:, 1] - LINE) < 0.12)
 def test_sides_of_the_mouth_are_those_of_the_lips() -> None:
     guides = _face().guides()
     for sides in (guides.here, guides.there):
-        share = np.where(IS_UPPER, 1, -1) * sides[:, 0] / face_registration.FACE_REGISTRATION.side_weight
+        share = np.where(IS_UPPER, 1, -1) * sides[:, 0] / FACE_REGISTRATION.side_weight
         assert share[ON_LIPS].min() > 0.5
         assert share.max() <= 1
 
@@ -125,11 +123,11 @@ def test_lips_that_overlap_are_not_exchanged() -> None:
     places = PLACES + np.outer(lips * overlap, (0, 1, 0)) - np.outer(IS_UPPER * overlap, (0, 0, 0.1))
     target = FACE.surface.with_vertices(places)
     mapped = MappedTarget(FACE.surface, target, nearest_map(places, FACE.surface), np.ones(len(PLACES)))
-    piece = face_registration._Piece.of(VALUES.any(axis=(1, 2)), 0, mapped)
+    piece = FacePiece.of(VALUES.any(axis=(1, 2)), 0, mapped)
     assert piece is not None
-    none, sides = face_registration._Guides.none(piece), 0.2 * lips[:, None]
+    none, sides = Guides.none(piece), 0.2 * lips[:, None]
 
-    def exchanged(guides: face_registration._Guides) -> float:
+    def exchanged(guides: Guides) -> float:
         """The share of the vertices of the lips whose images are on the other lip."""
         triangle, weights, _ = piece.locate(piece.mesh.vertices, guides)
         on_upper = np.einsum("tc,tc->t", weights, IS_UPPER[piece.mesh.triangles[triangle]]) > 0.5
@@ -153,6 +151,6 @@ def test_mouths_of_very_different_width_do_not_correspond(monkeypatch: pytest.Mo
 
 
 def _face() -> face_registration._Face:
-    piece = face_registration._Piece.of(VALUES.any(axis=(1, 2)), 0, map_to_wider_face())
+    piece = FacePiece.of(VALUES.any(axis=(1, 2)), 0, map_to_wider_face())
     assert piece is not None
     return face_registration._Face.of(piece, EXPRESSIONS)

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 import zoomout_core as zo
-from zoomout_core.transfer.keys import key_names
-from zoomout_core.transfer.keys.key_names import _expressions, describe
-from zoomout_core.transfer.keys.key_table import CONVENTIONS
+from zoomout_core.transfer.keys import key_names, key_words
+from zoomout_core.transfer.keys.key_names import describe
+from zoomout_core.transfer.keys.key_table import CONVENTIONS, read_table
 
 ARKIT = zo.key_names("arkit")
 SIZES = {
@@ -36,7 +36,7 @@ def test_a_convention_is_complete_and_recognised(convention: str) -> None:
 
 def test_sums_use_keys_of_their_convention() -> None:
     """The first keys of a cell are those that are written; other spellings, such as ARKit's split keys, are read."""
-    for row in _expressions():
+    for row in read_table():
         for convention, cell in row.items():
             if not cell.written:
                 assert set(cell.sums[0]) <= set(zo.key_names(convention)) or convention == "arkit", cell
@@ -174,7 +174,7 @@ def test_an_unknown_convention_is_refused(call) -> None:  # type: ignore[no-unty
 def test_recognised_names_are_not_parsed_again(monkeypatch: pytest.MonkeyPatch) -> None:
     names = list(zo.key_names("arkit"))
     found = zo.recognise_key_names(names)
-    monkeypatch.setattr(key_names, "_join", None)
+    monkeypatch.setattr(key_words, "_join", None)
     assert zo.recognise_key_names(names) == found
 
 

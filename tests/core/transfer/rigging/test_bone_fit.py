@@ -9,7 +9,9 @@ from scipy.spatial.transform import Rotation
 
 import zoomout_core as zo
 from zoomout_core.geometry.procrustes import Similarities
-from zoomout_core.transfer.rigging.bone_fit import BONES, estimate_pose, next_above, refine_pose
+from zoomout_core.transfer.rigging.bone_fit import estimate_pose, refine_pose
+from zoomout_core.transfer.rigging.bone_problem import BONES
+from zoomout_core.transfer.rigging.bone_tree import next_above
 from zoomout_core.tuning import retune
 
 

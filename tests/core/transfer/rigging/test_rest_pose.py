@@ -11,7 +11,8 @@ from zoomout_core.geometry.procrustes import Similarities
 from zoomout_core.mesh.affine_maps import transform_points
 from zoomout_core.samples.spheres import ball
 from zoomout_core.transfer import map_target
-from zoomout_core.transfer.rigging.bone_fit import BONES, Pose
+from zoomout_core.transfer.rigging.bone_fit import Pose
+from zoomout_core.transfer.rigging.bone_problem import BONES
 from zoomout_core.transfer.rigging.rest_pose import REST, align, correct_by_bones, correct_map, find_pose
 from zoomout_core.transfer.rigging.skinning import skinning_matrices
 from zoomout_core.tuning import retune
@@ -66,6 +67,25 @@ def test_bones_correct_a_slid_map_on_the_same_body_alone():
     wide = still.with_vertices(still.vertices * [1.5, 1.5, 1])
     other = _map_at_rest(source, pose_surface(wide, bend(*SOFT)), still.vertices)
     assert correct_map(other, find_pose(other, source, weights, PARENTS), weights) is other
+
+
+def test_corrected_map_stays_above_what_the_target_hides():
+    cloth, still = tube(), tube(13, 55, turned=0.4)
+    body = cloth.with_vertices(cloth.vertices * [0.97, 0.97, 1])
+    source = zo.Surface.joined([cloth, body])
+    thin = still.with_vertices(still.vertices * [0.98, 0.98, 1])  # nearer to the body than to the cloth
+    weights, target = weights_of(source.vertices), pose_surface(thin, bend(*SOFT))
+    on_cloth = closest_points(still.vertices + np.array([0, 0, 0.12]), cloth.vertices, cloth.triangles)
+    mapped = map_target(
+        _Match(zo.SurfaceMap(*on_cloth, source.triangles), np.ones(len(still.vertices))), source, target
+    )
+    corrected = correct_map(mapped, find_pose(mapped, source, weights, PARENTS), weights)
+    assert corrected is not mapped
+    assert (corrected.surface_map.triangle < len(cloth.triangles)).all()
+    with retune(REST, reach=0.0):  # the places beside the images are not reached
+        unreached = correct_map(mapped, find_pose(mapped, source, weights, PARENTS), weights)
+    off, before = (np.median(np.linalg.norm(each.points - thin.vertices, axis=1)) for each in (corrected, unreached))
+    assert off < before
 
 
 def test_map_is_not_corrected_in_place_or_without_weights():

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 import zoomout_core as zo
 from zoomout_core.transfer.rigging.rig import RIG, Deformation, follow_longer_bones, joints_of_bones
 from zoomout_core.transfer.rigging.rig import place_joints as place_along
+from zoomout_core.transfer.rigging.symmetric_joints import SYMMETRIC_JOINTS
 from zoomout_core.tuning import retune
 
 LEG = tube(around=12, along=81)
@@ -167,7 +168,7 @@ def test_a_symmetric_rig_stays_symmetric() -> None:
     np.testing.assert_allclose(
         *(np.linalg.norm(np.diff(each, axis=0), axis=1) for each in np.split(moved.positions, 2))
     )
-    with retune(RIG, symmetric=0.0):
+    with retune(SYMMETRIC_JOINTS, max_distance=0.0):
         lengths = [
             np.linalg.norm(np.diff(each, axis=0), axis=1)
             for each in np.split(place_joints(body, body.vertices + noise, joints, parents).positions, 2)

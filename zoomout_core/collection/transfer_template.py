@@ -5,16 +5,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from zoomout_core.collection.carried import CARRIED, Carried, PairTransfer
 from zoomout_core.collection.collection import CollectionResult
 from zoomout_core.collection.engine import Engine, Failure, Task, run_tasks
 from zoomout_core.collection.tasks import MESHES, place_of_map, transfer_pair
-from zoomout_core.collection.through_blender import carry_pair
+from zoomout_core.collection.through_blender import transfer_pair_through_blender
+from zoomout_core.collection.transfer_records import TRANSFER_RECORDS, PairTransfer, TransferOutcome
 from zoomout_core.matching.report.verdict import check_verdict
 from zoomout_core.mesh.errors import MeshError
+from zoomout_core.messages import message_of
 
 
-def carry(
+def transfer_template(
     result: CollectionResult,
     template: str,
     kinds: Sequence[str],
@@ -23,7 +24,7 @@ def carry(
     blender: str | None = None,
     force: bool = False,
     move_rig: bool = False,
-) -> dict[str, Carried]:
+) -> dict[str, TransferOutcome]:
     """Transfer a template's data to all shapes that it is matched with, into the folder `meshes` of the results.
 
     Args:
@@ -46,7 +47,7 @@ def carry(
         try:
             check_verdict(result.verdict(pair), force)
         except MeshError as error:
-            result.failures[f"transfer to {pair.target}"] = str(error)
+            result.failures[f"transfer to {pair.target}"] = message_of(error)
             continue
         target, output = result.items[pair.target].file.absolute(), result.folder / MESHES / f"{pair.target}.{ending}"
         transfer = PairTransfer(
@@ -55,13 +56,13 @@ def carry(
             result.folder / place_of_map(pair),
             output,
             tuple(kinds),
-            result.folder / CARRIED / f"{pair.target}.json",
+            result.folder / TRANSFER_RECORDS / f"{pair.target}.json",
             move_rig,
         )
         if source.original is None:
             tasks.append(Task(key, transfer_pair, (transfer,)))
         else:
-            tasks.append(Task(key, carry_pair, (transfer, blender)))
+            tasks.append(Task(key, transfer_pair_through_blender, (transfer, blender)))
     received = {}
     for done in run_tasks(engine, tasks, lambda ended: f"Transferring {ended} of {len(tasks)}"):
         name = names[done.key].target

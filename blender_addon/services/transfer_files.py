@@ -90,7 +90,7 @@ class FileTransfer:
     force: bool = False
 
 
-def carry(context: Context, transfer: FileTransfer, review: Review | None = None) -> Outcome[dict[str, Any]]:
+def transfer_files(context: Context, transfer: FileTransfer, review: Review | None = None) -> Outcome[dict[str, Any]]:
     """Transfer the data of one file's meshes to those of another file, which is open afterwards.
 
     Data-blocks from the source's file are removed again, except those that the targets now use, such as materials and

@@ -13,7 +13,7 @@ from zoomout_core.messages import from_json, to_json
 from zoomout_core.runtime.outputs import write_whole
 
 # Folder of the records in the results.
-CARRIED = "carried"
+TRANSFER_RECORDS = "carried"
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class PairTransfer:
 
 
 @dataclass(frozen=True)
-class Carried:
+class TransferOutcome:
     """The outcome of a transfer to one mesh.
 
     Attributes:
@@ -52,27 +52,27 @@ class Carried:
     motions: tuple[Mapping[str, Any], ...] = ()
 
 
-def read_carried(record: Path, key: str) -> Carried | None:
+def read_outcome(record: Path, key: str) -> TransferOutcome | None:
     """The outcome of an earlier transfer of the same contents; None if there was none."""
     try:
         stored = from_json(json.loads(record.read_bytes()))
         if stored["key"] != key:
             return None
-        return Carried(tuple(map(str, stored["notes"])), tuple(stored["motions"]))
+        return TransferOutcome(tuple(map(str, stored["notes"])), tuple(stored["motions"]))
     except (OSError, ValueError, KeyError, TypeError):
         return None
 
 
-def forget_carried(record: Path) -> None:
+def forget_outcome(record: Path) -> None:
     """Remove a record before its output is replaced, or an interrupted run would leave it beside another output."""
     record.unlink(missing_ok=True)
 
 
-def write_carried(record: Path, key: str, carried: Carried) -> None:
+def write_outcome(record: Path, key: str, outcome: TransferOutcome) -> None:
     """Record the outcome of a transfer.
 
     Raises:
         OutputError: it cannot be written.
     """
-    stored = {"key": key, "notes": carried.notes, "motions": carried.motions}
+    stored = {"key": key, "notes": outcome.notes, "motions": outcome.motions}
     write_whole(record, json.dumps(to_json(stored), indent=1).encode())

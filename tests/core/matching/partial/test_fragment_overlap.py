@@ -1,0 +1,134 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Maps of two fragments are ordered by how much alike the fragments are where they overlap."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from creatures import creature
+from pieces import PartAndWhole, analyse_piece, piece_of
+
+from zoomout_core.matching.pair import Pair
+from zoomout_core.matching.partial.fragment_overlap import FRAGMENT_OVERLAP, OVERLAP, overlap_cost
+from zoomout_core.matching.partial.incomplete_shape import INCOMPLETE, IncompleteShape, at_scale
+from zoomout_core.matching.partial.part_candidates import PART_CANDIDATES, _by_fit, register_places
+from zoomout_core.matching.partial.part_match import PART_MATCH, fit_part
+from zoomout_core.matching.partial.part_registration import RegisteredPart
+from zoomout_core.matching.partial.region import Region
+from zoomout_core.matching.ranking.candidate import Candidate
+from zoomout_core.tuning import retune
+
+
+@pytest.fixture(scope="module")
+def same() -> PartAndWhole:
+    """A piece of a creature and the same piece again, so that every vertex corresponds to itself."""
+    made = creature(1000, seed=0, asymmetry=0.3)
+    piece = piece_of(made, made.directions @ [0.87, -0.08, -0.49] > -0.24)
+    shapes = [at_scale(analyse_piece(piece), 1.0) for _ in range(2)]
+    return PartAndWhole(piece, piece, IncompleteShape(shapes[0]), IncompleteShape(shapes[1]))
+
+
+@pytest.fixture(scope="module")
+def fitted(same: PartAndWhole) -> RegisteredPart:
+    return register_places(np.arange(len(same.part.between)), same.everywhere).registered
+
+
+def cost(same: PartAndWhole, registered: RegisteredPart, beyond: float = 0.0, fit: float = -4.0) -> float:
+    return overlap_cost(registered, same.everywhere, {"fit": fit, "beyond": beyond}, PART_CANDIDATES.beyond)
+
+
+def test_fragments_have_a_cost_that_orders_them_and_parts_of_wholes_their_fit(same: PartAndWhole) -> None:
+    places = np.arange(len(same.part.between))
+    fragments = register_places(places, same.everywhere)
+    assert fragments.cost == fragments.scores[OVERLAP] != fragments.scores["fit"]
+    worse = replace(fragments, scores=fragments.scores | {"fit": -9.0, OVERLAP: fragments.cost + 1})
+    assert _by_fit([worse, fragments]) == [fragments, worse]
+    with retune(INCOMPLETE, fragment=100.0):
+        shapes = (IncompleteShape(each.shape) for each in (same.part, same.whole))
+        part = register_places(places, Region.everywhere(*shapes))
+    assert OVERLAP not in part.scores
+    assert part.cost == part.scores["fit"]
+
+
+def test_shared_area_counts_less_than_in_the_fit_of_a_part(same: PartAndWhole, fitted: RegisteredPart) -> None:
+    half = cost(same, fitted, beyond=0.5, fit=-4.0 + PART_CANDIDATES.beyond * np.log(2))
+    assert half - cost(same, fitted) == pytest.approx(FRAGMENT_OVERLAP.within * np.log(2))
+
+
+def flatten_curvature(region: Region) -> None:
+    curvature = np.zeros_like(region.part.shape.vertex_curvature)
+    region.whole.shape.__dict__["vertex_curvature"] = curvature
+
+
+def forget_likeness(region: Region) -> None:
+    region.__dict__["unlike"] = np.ones_like(region.unlike)
+
+
+@pytest.mark.parametrize("change", [flatten_curvature, forget_likeness])
+def test_likeness_of_the_shared_area_lowers_the_cost(
+    same: PartAndWhole, fitted: RegisteredPart, change: Callable[[Region], None]
+) -> None:
+    scores = {"fit": -4.0, "beyond": 0.0}
+    whole = replace(same.whole.shape)
+    region = Region.everywhere(same.part, IncompleteShape(whole))
+    before = overlap_cost(fitted, region, scores, PART_CANDIDATES.beyond)
+    change(region)
+    assert overlap_cost(fitted, region, scores, PART_CANDIDATES.beyond) > before + 1
+
+
+@pytest.mark.parametrize(
+    "apart",
+    [
+        {"residual": FRAGMENT_OVERLAP.residual + 0.01},
+        {"agreement": FRAGMENT_OVERLAP.agreement - 0.1},
+        {"is_near": False},
+        {"on_cut": True},
+    ],
+)
+def test_only_the_area_that_overlaps_is_compared(
+    same: PartAndWhole, fitted: RegisteredPart, apart: dict[str, float | bool]
+) -> None:
+    """Elsewhere images are wrong; a fragment without an overlap is as unlike as any."""
+    count = len(fitted.residual)
+    elsewhere = np.arange(count) % 2 == 0
+    turned = np.roll(np.arange(count), count // 2)
+    closest = replace(
+        fitted.closest,
+        triangle=np.where(elsewhere, fitted.closest.triangle[turned], fitted.closest.triangle),
+        barycentric=np.where(elsewhere[:, None], fitted.closest.barycentric[turned], fitted.closest.barycentric),
+    )
+    wrong = replace(fitted, closest=closest)
+    ((name, value),) = apart.items()
+    ignored = replace(wrong, **{name: np.where(elsewhere, value, getattr(fitted, name))})
+    nothing = replace(wrong, **{name: np.full(count, value)})
+    assert cost(same, ignored) < cost(same, wrong) - 1
+    assert cost(same, nothing) > cost(same, wrong)
+
+
+def test_shared_area_of_fragments_is_smooth_and_ends_at_cuts(same: PartAndWhole) -> None:
+    """A single vertex that is too far away follows its surroundings."""
+    found = register_places(np.arange(len(same.part.between)), same.everywhere)
+    count = len(found.registered.residual)
+    speck = np.arange(count) == np.argmax(same.part.cut_distance_of_vertices)
+    on_cut = same.part.cut_distance_of_vertices < 0.2
+    far = replace(
+        found.registered, residual=np.where(speck, 1.0, 0.5 * PART_MATCH.residual_of_fragments), on_cut=on_cut
+    )
+    nothing: Any = None
+    one = Candidate("", False, False, nothing, nothing, nothing, None, None, 0.0, {}, replace(found, finished=far))
+    shapes = same.whole.shape, same.part.shape
+    pair = Pair(same.made_whole.surface, same.made_part.surface, *shapes, 60, 20)
+    with retune(PART_MATCH, smooth_overlap=0.15):  # the mesh is coarse
+        shared = fit_part(pair, one).partners.target
+    assert shared[speck].all()
+    deep = same.part.cut_distance_of_vertices
+    assert shared[deep > 0.3].all()
+    assert not shared[deep < 0.1].any()
+    with retune(INCOMPLETE, fragment=100.0):
+        part = fit_part(pair, one).partners.target
+    assert not part[speck].any()
+    assert part[on_cut & (far.residual < PART_MATCH.residual)].all()
