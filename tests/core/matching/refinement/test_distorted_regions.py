@@ -113,10 +113,14 @@ def test_region_whose_pose_fits_is_kept() -> None:
     assert find_placements(true_map(0, 1), distortion, *shapes(), mirrored=False) == []
 
 
-def test_small_region_is_kept() -> None:
-    turned = turned_map()
-    with retune(REGIONS, min_area=0.25):
-        assert placements(turned) == []
+@pytest.mark.parametrize(
+    "limits",
+    [{"min_area": 0.25}, {"max_area": 0.06}, {"min_width": 0.98}, {"min_kept": 1.0}],
+    ids=["small", "large", "slender", "moved away"],
+)
+def test_unreliable_region_is_kept(limits: dict[str, float]) -> None:
+    with retune(REGIONS, **limits):
+        assert placements(turned_map()) == []
 
 
 def test_mirrored_map_is_placed_in_the_mirror_image() -> None:
