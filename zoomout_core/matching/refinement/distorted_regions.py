@@ -167,7 +167,7 @@ def move_regions_back(
 
 
 def _regions(distorted: Booleans, target: ShapeAnalysis) -> list[Integers]:
-    """The connected regions of some vertices (n,) of the target that are rigid and whose areas are within the limits."""
+    """The rigid connected regions of some vertices (n,) of the target whose areas are within the limits."""
     edges, _ = unique_edges(target.mesh.triangles)
     number = components(edges[at_all(distorted, edges)], len(distorted))
     shares = np.bincount(number[distorted], target.basis.areas[distorted] / target.basis.areas.sum())
