@@ -72,6 +72,11 @@ class Region:
         return self.vertex is None
 
     @property
+    def is_between_fragments(self) -> bool:
+        """Whether large pieces may be missing on both shapes, and no smaller region of the whole is compared."""
+        return self.is_everywhere and self.part.is_fragment and self.whole.is_fragment
+
+    @property
     def unit(self) -> float:
         """Its unit of length, in that of the pair."""
         return self.part.shape.proxy.full.scale / self.of_part.proxy.full.scale

@@ -13,7 +13,7 @@ from creatures import creature
 from pieces import PartAndWhole, analyse_piece, piece_of
 
 from zoomout_core.matching.pair import Pair
-from zoomout_core.matching.partial.fragment_overlap import FRAGMENT_OVERLAP, OVERLAP, overlap_cost
+from zoomout_core.matching.partial.fragment_overlap import FRAGMENT_OVERLAP, OVERLAP_COST, overlap_cost
 from zoomout_core.matching.partial.incomplete_shape import INCOMPLETE, IncompleteShape, at_scale
 from zoomout_core.matching.partial.part_candidates import PART_CANDIDATES, _by_fit, register_places
 from zoomout_core.matching.partial.part_match import PART_MATCH, fit_part
@@ -37,26 +37,29 @@ def fitted(same: PartAndWhole) -> RegisteredPart:
     return register_places(np.arange(len(same.part.between)), same.everywhere).registered
 
 
-def cost(same: PartAndWhole, registered: RegisteredPart, beyond: float = 0.0, fit: float = -4.0) -> float:
-    return overlap_cost(registered, same.everywhere, {"fit": fit, "beyond": beyond}, PART_CANDIDATES.beyond)
-
-
 def test_fragments_have_a_cost_that_orders_them_and_parts_of_wholes_their_fit(same: PartAndWhole) -> None:
     places = np.arange(len(same.part.between))
     fragments = register_places(places, same.everywhere)
-    assert fragments.cost == fragments.scores[OVERLAP] != fragments.scores["fit"]
-    worse = replace(fragments, scores=fragments.scores | {"fit": -9.0, OVERLAP: fragments.cost + 1})
+    assert fragments.cost == fragments.scores[OVERLAP_COST] != fragments.scores["fit"]
+    worse = replace(fragments, scores=fragments.scores | {"fit": -9.0, OVERLAP_COST: fragments.cost + 1})
     assert _by_fit([worse, fragments]) == [fragments, worse]
     with retune(INCOMPLETE, fragment=100.0):
         shapes = (IncompleteShape(each.shape) for each in (same.part, same.whole))
         part = register_places(places, Region.everywhere(*shapes))
-    assert OVERLAP not in part.scores
+    assert OVERLAP_COST not in part.scores
     assert part.cost == part.scores["fit"]
 
 
 def test_shared_area_counts_less_than_in_the_fit_of_a_part(same: PartAndWhole, fitted: RegisteredPart) -> None:
-    half = cost(same, fitted, beyond=0.5, fit=-4.0 + PART_CANDIDATES.beyond * np.log(2))
-    assert half - cost(same, fitted) == pytest.approx(FRAGMENT_OVERLAP.within * np.log(2))
+    """Half of a fragment beyond a cut raises the cost by the weight of the logarithm of the other half."""
+    areas = same.part.shape.basis.areas
+    half = np.cumsum(areas) > 0.5 * areas.sum()
+    nowhere = replace(fitted, agreement=np.zeros(len(areas)))  # the overlap is empty either way
+    whole, beyond = (
+        overlap_cost(replace(nowhere, on_cut=each), same.everywhere) for each in (np.zeros_like(half), half)
+    )
+    assert beyond - whole == pytest.approx(FRAGMENT_OVERLAP.within * np.log(2), abs=0.02)
+    assert FRAGMENT_OVERLAP.within < PART_CANDIDATES.beyond
 
 
 def flatten_curvature(region: Region) -> None:
@@ -72,12 +75,11 @@ def forget_likeness(region: Region) -> None:
 def test_likeness_of_the_shared_area_lowers_the_cost(
     same: PartAndWhole, fitted: RegisteredPart, change: Callable[[Region], None]
 ) -> None:
-    scores = {"fit": -4.0, "beyond": 0.0}
     whole = replace(same.whole.shape)
     region = Region.everywhere(same.part, IncompleteShape(whole))
-    before = overlap_cost(fitted, region, scores, PART_CANDIDATES.beyond)
+    before = overlap_cost(fitted, region)
     change(region)
-    assert overlap_cost(fitted, region, scores, PART_CANDIDATES.beyond) > before + 1
+    assert overlap_cost(fitted, region) > before + 1
 
 
 @pytest.mark.parametrize(
@@ -105,8 +107,9 @@ def test_only_the_area_that_overlaps_is_compared(
     ((name, value),) = apart.items()
     ignored = replace(wrong, **{name: np.where(elsewhere, value, getattr(fitted, name))})
     nothing = replace(wrong, **{name: np.full(count, value)})
-    assert cost(same, ignored) < cost(same, wrong) - 1
-    assert cost(same, nothing) > cost(same, wrong)
+    of_ignored, of_wrong, of_nothing = (overlap_cost(each, same.everywhere) for each in (ignored, wrong, nothing))
+    assert of_ignored < of_wrong - 1
+    assert of_nothing > of_wrong
 
 
 def test_shared_area_of_fragments_is_smooth_and_ends_at_cuts(same: PartAndWhole) -> None:
