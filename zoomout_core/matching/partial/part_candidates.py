@@ -92,7 +92,7 @@ def part_candidates(
 
     Each of two fragments has regions that the other one lacks, so that few landmarks have a partner. So fragments are
     placed rigidly, too. Costs of the two searches are not comparable, so the best maps of each are registered again and
-    compared by fit. Fragments may be likely to stand `upright` in their files.
+    compared by their cost. Fragments may be likely to stand `upright` in their files.
     Maps from elsewhere compete: `given` are places of the whole (d_p,) for each place of the part.
     """
     is_small = not regions[0].is_everywhere
@@ -107,12 +107,12 @@ def part_candidates(
     most = PART_CANDIDATES.registered_again
     with portion(0.8, 1.0):
         again = for_each(_register, by_landmarks[:most] + placed[:most])
-    found = _by_fit(again + by_landmarks[most:] + placed[most:], upright)
+    found = _by_cost(again + by_landmarks[most:] + placed[most:], upright)
     return _differing(found, len(found))
 
 
-def _by_fit(candidates: Sequence[PartCandidate], upright: bool = False) -> list[PartCandidate]:
-    """Candidates by their fit, and by the rotation of the up axis if that is evidence."""
+def _by_cost(candidates: Sequence[PartCandidate], upright: bool = False) -> list[PartCandidate]:
+    """Candidates by their cost, and by the rotation of the up axis if that is evidence."""
 
     def cost(one: PartCandidate) -> float:
         return one.cost + (EVIDENCE_WEIGHTS[UPRIGHT] * one.scores[UPRIGHT] if upright else 0.0)
@@ -130,7 +130,7 @@ def _fine_candidates(
         rough = rough_candidates(regions, sets, PART_CANDIDATES.registered, given)
     ahead = _differing(rough, PART_CANDIDATES.compared)  # some are the same by now
     with portion(0.8, 1.0):
-        return _by_fit(for_each(_register, ahead))
+        return _by_cost(for_each(_register, ahead))
 
 
 def _placed_candidates(region: Region, upright: bool) -> list[PartCandidate]:
@@ -139,9 +139,9 @@ def _placed_candidates(region: Region, upright: bool) -> list[PartCandidate]:
         placements = rigid_placements(region.part, region.whole, upright)
     found = [_Found(_map_cost(one.places, region), region, one.places, one.positions) for one in placements]
     with portion(0.4, 0.8):
-        sifted = _by_fit(for_each(_register, found), upright)
+        sifted = _by_cost(for_each(_register, found), upright)
     with portion(0.8, 1.0):
-        return _by_fit(for_each(_register, _differing(sifted, PART_CANDIDATES.compared)), upright)
+        return _by_cost(for_each(_register, _differing(sifted, PART_CANDIDATES.compared)), upright)
 
 
 def rough_candidates(
@@ -168,7 +168,7 @@ def rough_candidates(
     others = [_Found(_map_cost(places, regions[0]), regions[0], places) for places in given]
     ahead = _differing([*others, *_differing(found, max_count)], len(found) + len(others))
     with portion(0.5, 1.0):
-        return _by_fit(for_each(_register, ahead))
+        return _by_cost(for_each(_register, ahead))
 
 
 def _differing(maps: Sequence[_Map], max_count: int) -> list[_Map]:

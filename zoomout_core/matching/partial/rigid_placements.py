@@ -44,7 +44,7 @@ RIGID_PLACEMENTS = RigidPlacementTuning()
 # Width of the cells in which votes are counted, about the distance between two places, and minimum cosine between the
 # normals of a pair that votes. The rotations tried are off by up to 15 degrees, and shapes differ.
 CELL, FACING = 0.1, 0.75
-# Directions in which upright rotations are tilted.
+# Number of directions in which upright rotations are tilted; two neighbours are about as far apart as the tilt.
 TILTS = 6
 # Cells of each rotation that become placements.
 CELLS_PER_ROTATION = 2
@@ -124,8 +124,8 @@ def rigid_placements(part: IncompleteShape, whole: IncompleteShape, upright: boo
     if upright:
         searched.insert(0, np.concatenate([upright_rotations(axis) for axis in UP_AXES]))
     kept: list[_Placed] = []
-    for number, some in enumerate(searched, start=1):
-        kept = _add_differing(kept, _place(some, here, there), RIGID_PLACEMENTS.kept * number // len(searched))
+    for number, tested in enumerate(searched, start=1):
+        kept = _add_differing(kept, _place(tested, here, there), RIGID_PLACEMENTS.kept * number // len(searched))
     vertices = part.shape.mesh.vertices
     return [
         Placement(one.rank, vertices @ one.rotation.T + one.shift, one.places)

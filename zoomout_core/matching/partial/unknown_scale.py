@@ -68,7 +68,7 @@ class UnknownScaleTuning(Tuning, set_by="partial"):
     # Certainty of the rough place of one of two fragments below which no scale is fitted: a smaller part fits anywhere.
     # On seven pairs of animals three maps were likely, with 0.36, 0.91 and 0.95; lost pairs have at most 0.12.
     min_of_fragments: float = tuned(0.15, "probability", 0, 1)
-    one_unit: float = tuned(1.25, "1", 1, 100)  # units are the same up to this factor between their scales
+    one_unit: float = tuned(1.25, "1", 1, 100)  # scales of one unit differ by at most this factor
 
 
 UNKNOWN_SCALE = UnknownScaleTuning()
@@ -81,7 +81,8 @@ def match_at_unknown_scale(
 
     Parts as small as hands are only searched for if neither a larger part nor the map found before, by its `certainty`,
     is likely. Returns the pair in one unit, in which the larger shape has unit area, and its candidates by certainty.
-    None if neither shape is a fragment, or if two fragments overlap nowhere on enough area for a likely map.
+    None if neither shape is a fragment, or if two fragments overlap nowhere on enough area for a likely map. Two
+    fragments are not searched for again in the units of their files.
     """
     shapes = [at_scale(shape, shape.basis.areas.sum() ** -0.5) for shape in (pair.source_shape, pair.target_shape)]
     parts = [number for number, shape in enumerate(shapes) if IncompleteShape(shape).is_fragment]
@@ -95,12 +96,17 @@ def match_at_unknown_scale(
         in_unit = replace(pair, source_shape=source, target_shape=target)
         return in_unit, match_part(in_unit, disagreement(in_unit), given)
 
-    min_scale = UNKNOWN_SCALE.of_fragments if len(parts) > 1 else 0.0
-    scales = [scale for scale in UNKNOWN_SCALE.scales if scale >= min_scale]
     found = []
     for step, part in enumerate(parts):
+        scales: Sequence[float] = UNKNOWN_SCALE.scales
+        if len(parts) > 1:
+            scales = _scales_of_fragment(_scale_in_files(pair, part))
+        if len(scales) == 0:
+            continue
         with portion(0.4 * step / len(parts), 0.4 * (step + 1) / len(parts)):
             found.append((rough_places(shapes[part], shapes[1 - part], scales), part))
+    if not found:
+        return None
     places, part = max(found, key=lambda one: one[0][0].certainty)
     if len(parts) > 1 and places[0].certainty < UNKNOWN_SCALE.min_of_fragments:
         return None
@@ -118,6 +124,21 @@ def match_at_unknown_scale(
             other = place_at_scale(part, scale)
         best = max(best, other, key=lambda one: one[1][0].certainty)
     return best
+
+
+def _scale_in_files(pair: Pair, part: int) -> float:
+    """The scale of the source (0) or target (1), with the other shape at unit area, in the units of their files."""
+    lengths = [
+        shape.proxy.full.scale * float(np.sqrt(shape.basis.areas.sum()))
+        for shape in (pair.source_shape, pair.target_shape)
+    ]
+    return lengths[part] / lengths[1 - part]
+
+
+def _scales_of_fragment(known: float) -> list[float]:
+    """Scales at which one of two fragments is searched for, except near the known one, at which no map is likely."""
+    large = [scale for scale in UNKNOWN_SCALE.scales if scale >= UNKNOWN_SCALE.of_fragments]
+    return [scale for scale in large if abs(np.log(scale / known)) > np.log(UNKNOWN_SCALE.one_unit)]
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.partial import part_match
 from zoomout_core.matching.partial.incomplete_shape import INCOMPLETE, IncompleteShape, at_scale
-from zoomout_core.matching.partial.part_candidates import PartCandidate, _by_fit, _placed_candidates
+from zoomout_core.matching.partial.part_candidates import PartCandidate, _by_cost, _placed_candidates
 from zoomout_core.matching.partial.part_match import fit_part
 from zoomout_core.matching.partial.part_registration import PART_REGISTRATION
 from zoomout_core.matching.partial.rigid_placements import (
@@ -195,5 +195,5 @@ def test_up_axis_decides_between_equal_placements() -> None:
 
     weight = EVIDENCE_WEIGHTS[UPRIGHT]
     standing, turned, better = candidate(-3.0, 0.0), candidate(-3.0 - 0.9 * weight, 1.0), candidate(-4.0, 1.0)
-    assert _by_fit([standing, turned, better]) == [better, turned, standing]
-    assert _by_fit([turned, standing, better], upright=True) == [better, standing, turned]
+    assert _by_cost([standing, turned, better]) == [better, turned, standing]
+    assert _by_cost([turned, standing, better], upright=True) == [better, standing, turned]

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -189,6 +190,31 @@ def test_poorly_fitting_fragments_are_not_rescaled(monkeypatch: pytest.MonkeyPat
     assert not seen
     assert match_at_unknown_scale(pair_of(lower.whole, lower.part), lambda _: no_disagreement) is not None
     assert min(tried[:-1]) > UNKNOWN_SCALE.of_fragments > tried[-1] == min(UNKNOWN_SCALE.scales)
+
+
+@pytest.mark.parametrize("times", [1.0, 0.7, 50.0])
+def test_fragments_are_not_searched_for_again_in_the_units_of_their_files(
+    monkeypatch: pytest.MonkeyPatch, lower: PartAndWhole, times: float
+) -> None:
+    tried: list[list[float]] = []
+
+    def roughly(_part: object, _whole: object, scales: list[float]) -> list[RoughPlace]:
+        tried.append(list(scales))
+        return [RoughPlace(0.0, 0.5, np.arange(4), -4.0)]
+
+    monkeypatch.setattr(unknown_scale, "rough_places", roughly)
+    shape, proxy = lower.part.shape, lower.part.shape.proxy
+    other = replace(shape, proxy=replace(proxy, full=replace(proxy.full, scale=times * proxy.full.scale)))
+    pair = replace(pair_of(lower.part, lower.part), target_shape=other)
+    assert match_at_unknown_scale(pair, lambda _: no_disagreement) is None
+    large = [scale for scale in UNKNOWN_SCALE.scales if scale >= UNKNOWN_SCALE.of_fragments]
+    for scales, in_files in zip(tried, (1 / times, times), strict=True):
+        near = [abs(np.log(scale / in_files)) < np.log(UNKNOWN_SCALE.one_unit) for scale in large]
+        assert scales == [scale for scale, skipped in zip(large, near, strict=True) if not skipped]
+        assert any(near) == (0.5 < in_files < 1.2)
+    with retune(UNKNOWN_SCALE, one_unit=100.0):
+        assert match_at_unknown_scale(pair, lambda _: no_disagreement) is None
+    assert len(tried) == 2
 
 
 @pytest.mark.parametrize(
