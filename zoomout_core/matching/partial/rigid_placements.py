@@ -170,18 +170,20 @@ def _add_differing(kept: Sequence[_Placed], found: Sequence[_Placed], max_count:
 
 def _vote(tested: Floats, here: _Places, there: _Places) -> list[tuple[Floats, Floats]]:
     """Rotations and shifts with the most votes of pairs of places, each by the root of the product of their areas."""
-    weights = np.sqrt(np.outer(here.areas, there.areas))
+    weights, goals = np.sqrt(np.outer(here.areas, there.areas)).ravel(), np.ascontiguousarray(there.points.T)
     found = []
     for rotation in tested:
         turned = here.move(rotation, np.zeros(3))
-        first, second = np.nonzero(turned.normals @ there.normals.T > FACING)
-        shifts = there.points[second] - turned.points[first]
-        cells = ((shifts - shifts.min(axis=0, initial=np.inf)) / CELL).astype(np.int64)
-        cell = np.ravel_multi_index(tuple(cells.T), tuple(cells.max(axis=0, initial=0) + 1))
-        votes = np.bincount(cell, weights[first, second])
+        # Flat numbers of pairs and rows of coordinates are gathered twice as fast as with two indices.
+        pairs = np.flatnonzero(turned.normals @ there.normals.T > FACING)
+        first, second = pairs // len(there.areas), pairs % len(there.areas)
+        shifts = np.take(goals, second, axis=1) - np.take(turned.points.T, first, axis=1)
+        cells = ((shifts - shifts.min(axis=1, keepdims=True, initial=np.inf)) / CELL).astype(np.int64)
+        cell = np.ravel_multi_index(tuple(cells), tuple(cells.max(axis=1, initial=0) + 1))
+        votes = np.bincount(cell, np.take(weights, pairs))
         for most in np.argsort(votes)[-CELLS_PER_ROTATION:]:
             if votes[most] > 0:
-                found.append((float(votes[most]), rotation, shifts[cell == most].mean(axis=0)))
+                found.append((float(votes[most]), rotation, shifts[:, cell == most].mean(axis=1)))
     found.sort(key=lambda one: one[0], reverse=True)
     return [(rotation, shift) for _, rotation, shift in found[: RIGID_PLACEMENTS.refined]]
 

@@ -98,13 +98,12 @@ def match_at_unknown_scale(
 
     found = []
     for step, part in enumerate(parts):
-        scales: Sequence[float] = UNKNOWN_SCALE.scales
-        if len(parts) > 1:
-            scales = _scales_of_fragment(_scale_in_files(pair, part))
-        if len(scales) == 0:
-            continue
+        known = _scale_in_files(pair, part) if len(parts) > 1 else None
         with portion(0.4 * step / len(parts), 0.4 * (step + 1) / len(parts)):
-            found.append((rough_places(shapes[part], shapes[1 - part], scales), part))
+            places = rough_places(shapes[part], shapes[1 - part], _scales_to_try(known))
+        places = [one for one in places if _is_other_unit(one.scale, known)]
+        if places:
+            found.append((places, part))
     if not found:
         return None
     places, part = max(found, key=lambda one: one[0][0].certainty)
@@ -135,10 +134,15 @@ def _scale_in_files(pair: Pair, part: int) -> float:
     return lengths[part] / lengths[1 - part]
 
 
-def _scales_of_fragment(known: float) -> list[float]:
-    """Scales at which one of two fragments is searched for, except near the known one, at which no map is likely."""
-    large = [scale for scale in UNKNOWN_SCALE.scales if scale >= UNKNOWN_SCALE.of_fragments]
-    return [scale for scale in large if abs(np.log(scale / known)) > np.log(UNKNOWN_SCALE.one_unit)]
+def _is_other_unit(scale: float, known: float | None) -> bool:
+    """Whether a scale is in another unit than a known one, if any, that has been tried."""
+    return known is None or abs(np.log(scale / known)) > np.log(UNKNOWN_SCALE.one_unit)
+
+
+def _scales_to_try(known: float | None) -> list[float]:
+    """Scales of a part, or large ones of one of two fragments, whose scale in the units of their files is known."""
+    min_scale = 0.0 if known is None else UNKNOWN_SCALE.of_fragments
+    return [each for each in UNKNOWN_SCALE.scales if each >= min_scale and _is_other_unit(each, known)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,6 +161,8 @@ def rough_places(part: ShapeAnalysis, whole: ShapeAnalysis, scales: Sequence[flo
     The scales do not compete at first, because every map seems better in a smaller unit. Scales with the most certain
     maps are fitted to these maps, and compared once the part is finely registered.
     """
+    if not scales:
+        return []
     there, sets = IncompleteShape(whole), landmark_sets(_incomplete(part, scales[0]), UNKNOWN_SCALE.regions)
     _ = there.unaffected  # computed once, before several threads need it
 
