@@ -148,10 +148,6 @@ class BlenderFiles:
             for obj, chosen in zip(found, of_body, strict=True)
             if chosen
         }
-        if not body:
-            raise zo.MeshError(
-                f"None of the meshes in {path} is named like a body: name those of the body with --body."
-            )
         curves = [obj.name for obj in self.context.view_layer.objects if obj.type == "CURVES" and obj.visible_get()]
         return _Avatar(body, [*(name for name in meshes if name not in body), *sorted(curves)])
 
