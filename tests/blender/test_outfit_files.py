@@ -9,12 +9,12 @@ import pytest
 from blend_files import save
 from rigged import source_and_rig
 from scenes import activate, set_weights
-from test_dress_by_joints import cloth_around, rigged_mannequin
+from test_dress_by_joints import bone_of, cloth_around, rigged_mannequin
 from test_dress_objects import sleeve
 from test_outfit_bones import OTHER_NAMES, own_target, tail_and_chain
 
 import zoomout_core as zo
-from blender_addon import cli
+from blender_addon import cli, mesh_data
 from blender_addon.scene.files import open_scene, shown_meshes
 from blender_addon.services import outfits
 from blender_addon.services.dressing.read import Dressing
@@ -112,6 +112,10 @@ def test_clothes_without_skin_below_them_are_checked_as_skin(tmp_path, monkeypat
     for pose in (REST, SWING, SPREAD):
         assert len(made.checked.bodies[pose]) > len(target.vertices)
     assert made.triangles[0].max() < len(made.checked.bodies[REST])
+    for (name, _), shin in zip(made.objects, shins, strict=True):  # no skin there that they could follow
+        copy = bpy.data.objects[name]
+        weights = mesh_data.read_weights(copy, copy.data)
+        assert weights.values[:, [weights.labels.index(bone_of(shin))]].toarray().min() > 0.9
 
 
 def test_bodies_are_read_with_their_bones(avatars):
