@@ -167,6 +167,6 @@ def test_existing_names_a_file_that_is_too_long(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
 def test_a_full_device_is_named() -> None:
-    with pytest.raises(OutputError, match=r"^/dev/full could not be written \(No space left on device\): check"):
-        with atomic_write("/dev/full") as part:
-            part.write_text("report")
+    sentence = r"^/dev/full could not be written \(No space left on device\): check"
+    with pytest.raises(OutputError, match=sentence), atomic_write("/dev/full") as part:
+        part.write_text("report")
