@@ -82,11 +82,11 @@ class Index:
             OutputError: it cannot be written.
         """
         make_folder(self._folder)
-        earlier = self._stored(self.read_list())
+        earlier = self._body_files(self.read_list())
         content = {"format": [FORMAT, package_version()], "files": {name: asdict(each) for name, each in files.items()}}
         with atomic_write(self._folder / LIST) as part:
             part.write_text(f"{json.dumps(content, indent=1)}\n", encoding="utf-8")
-        used = self._stored(files)
+        used = self._body_files(files)
         for path in self._folder.iterdir():
             if STORED.fullmatch(path.name) and path not in used:
                 with suppress(OSError):  # another process has removed it, or is reading it
@@ -110,7 +110,7 @@ class Index:
 
     def holds(self, listed: Listed) -> bool:
         """Whether the bodies of each asset of a file are there."""
-        return all(path.is_file() for path in self._stored({"": listed}))
+        return all(path.is_file() for path in self._body_files({"": listed}))
 
     def load(self, key: str) -> dict[str, Body] | None:
         """The bodies that are stored under a key, by kind; None if they are missing or damaged."""
@@ -138,7 +138,7 @@ class Index:
         with atomic_write(self._path(key)) as part:
             write_arrays(part, arrays)
 
-    def _stored(self, files: Mapping[str, Listed]) -> set[Path]:
+    def _body_files(self, files: Mapping[str, Listed]) -> set[Path]:
         """The files of the bodies of listed files."""
         return {self._path(key) for each in files.values() for key in each.keys}
 
