@@ -12,6 +12,7 @@ from typing import Any, TypeAlias
 import click
 
 from benchmarks.tables import NOT_SHOWN, Tables, as_text
+from zoomout_core.runtime.outputs import write_whole
 
 Option: TypeAlias = Callable[[Any], Any]
 
@@ -73,5 +74,4 @@ def report(tables: Tables, data: Path | None, json_file: Path | None) -> None:
     shown = [as_text(rows) for name, rows in tables.items() if rows and name != NOT_SHOWN]
     click.echo("\n\n".join(shown))
     if json_file is not None:
-        json_file.parent.mkdir(parents=True, exist_ok=True)
-        json_file.write_text(json.dumps(tables, indent=2))
+        write_whole(json_file, json.dumps(tables, indent=2).encode())

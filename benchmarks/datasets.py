@@ -13,6 +13,7 @@ import numpy as np
 
 from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.evaluation import geodesic_error
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.files import read_shape, read_surface
 from zoomout_core.mesh.shapes import as_surface
 from zoomout_core.mesh.surface import Surface
@@ -134,7 +135,10 @@ def region_of(images: Integers, source: Surface) -> Booleans:
 
 def kind_of_part(name: str) -> str:
     """The kind of part that is missing in a pair, from the pair's name."""
-    return next(kind for beginning, kind in PARTS.items() if name.startswith(f"{beginning}_"))
+    for beginning, kind in PARTS.items():
+        if name.startswith(f"{beginning}_"):
+            return kind
+    raise MeshError(f"The pair {name} is of no known kind: begin its name with {', '.join(PARTS)}.")
 
 
 def sets_of_parts_in(folder: Path) -> list[Path]:

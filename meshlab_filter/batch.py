@@ -21,6 +21,7 @@ from zoomout_core.map_files import keep_map, save_match
 from zoomout_core.matching.report.verdict import GREEN, LOW_CONFIDENCE, check_verdict, select_notes
 from zoomout_core.mesh.shapes import as_surface
 from zoomout_core.messages import note_figures, note_lines
+from zoomout_core.runtime.outputs import make_folder
 
 if TYPE_CHECKING:
     from pymeshlab import MeshSet
@@ -59,7 +60,7 @@ def transfer_files(
             figures |= _figures(report)
             check_verdict(zo.Verdict(**report["verdict"]), force)
             with _keeping_map(found, job.output):
-                job.output.parent.mkdir(exist_ok=True)
+                make_folder(job.output.parent)
                 save_beside(ms, job.output, textures, brought, in_place, kept)
             figures |= {"transferred": report["transferred"]}
             return _lines(report, job.output.suffix.lower())

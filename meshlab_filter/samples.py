@@ -18,7 +18,7 @@ import numpy as np
 from meshlab_filter.files import new_mesh_set, save_mesh
 from meshlab_filter.project import ProjectMesh, write_project
 from zoomout_core.arrays import Booleans, Floats, Integers
-from zoomout_core.runtime.outputs import OutputError, check_output
+from zoomout_core.runtime.outputs import OutputError, check_output, make_folder
 from zoomout_core.samples.arcs import bend_along_arc
 
 if TYPE_CHECKING:
@@ -227,8 +227,7 @@ def write_samples(folder: Path) -> list[Path]:
     check_output(folder / "character.obj" if folder.is_dir() else folder)
     if folder.is_dir() and any(folder.iterdir()):
         raise OutputError(f"{folder} is not empty: give a new folder.")
-    folder.mkdir(exist_ok=True)
-    (folder / "scans").mkdir()
+    make_folder(folder / "scans")
     source, target = character(), retopology()
     write_obj(folder / "character.obj", source)
     for name, dark in zip(TEXTURES, ((120, 40, 60), (40, 60, 120)), strict=True):

@@ -23,6 +23,7 @@ from meshlab_filter.parameters import LENGTH, OTHER_RICH, RICH_TYPES, Parameter,
 from meshlab_filter.xml_elements import Element, read_elements
 from zoomout_core.arrays import Floats
 from zoomout_core.mesh.errors import MeshError
+from zoomout_core.messages import message_of
 from zoomout_core.runtime.progress import stage
 
 if TYPE_CHECKING:
@@ -87,7 +88,7 @@ def _at_line(path: str | Path, element: Element, function: Any, *arguments: Any)
     try:
         return function(*arguments)
     except (ValueError, OSError) as error:
-        raise MeshError(f"Line {element.line} of {path}: {error}") from error
+        raise MeshError(f"Line {element.line} of {path}: {message_of(error)}") from error
 
 
 def _call(path: str | Path, element: Element) -> Call:

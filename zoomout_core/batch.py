@@ -21,7 +21,7 @@ from zoomout_core.matching.report.verdict import RefusedMatchError
 from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.folders import meshes_of
 from zoomout_core.messages import NO_MEMORY, message_of
-from zoomout_core.runtime.outputs import OutputError, atomic_write, check_no_input, check_output
+from zoomout_core.runtime.outputs import OutputError, check_no_input, check_output, write_whole
 from zoomout_core.runtime.progress import portion, renaming
 
 REPORT = "report.json"
@@ -221,9 +221,7 @@ def write_report(figures: Mapping[str, Any], folder: Path) -> None:
     Raises:
         OutputError: it cannot be written.
     """
-    folder.mkdir(exist_ok=True)
-    with atomic_write(folder / REPORT) as part:
-        part.write_text(f"{json.dumps(figures, indent=1)}\n", encoding="utf-8")
+    write_whole(folder / REPORT, f"{json.dumps(figures, indent=1)}\n".encode())
 
 
 def report_outcomes(outcomes: Sequence[Outcome], figures: Mapping[str, Any], output: str, as_json: bool) -> None:

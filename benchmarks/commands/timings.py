@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Tables of time."""
+"""Tables of running time: of matches, of stages, of sessions in Blender."""
 
 from __future__ import annotations
 

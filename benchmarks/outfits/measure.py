@@ -57,7 +57,7 @@ class Expected:
         self._thing, self._skin, self._truth = thing, skins[1], truth
         self._growth = skins[1].size / skins[0].size
         self._centimetre = centimetre
-        self._was = skins[0].distances(_places(thing, thing.vertices)) / centimetre
+        self._was = skins[0].distances(sample_places(thing, thing.vertices)) / centimetre
         self._off = self._was if truth is None else self._distances(truth)
         self._edges, self._edge_of = unique_edges(thing.triangles)
 
@@ -117,10 +117,10 @@ class Expected:
 
     def _distances(self, points: Floats) -> Floats:
         """(p,) distances of places from the second skin, in centimetres at the size of the first one."""
-        return self._skin.distances(_places(self._thing, points)) / self._centimetre / self._growth
+        return self._skin.distances(sample_places(self._thing, points)) / self._centimetre / self._growth
 
 
-def _places(thing: Surface, points: Floats) -> Floats:
+def sample_places(thing: Surface, points: Floats) -> Floats:
     """(n + m, 3) vertices and centroids of triangles of a thing with vertices (n, 3)."""
     return np.concatenate([points, points[thing.triangles].mean(axis=1)])
 

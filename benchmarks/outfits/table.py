@@ -16,7 +16,7 @@ import zoomout_core as zo
 from benchmarks.outfits.cases import KINDS, WITHIN, Case, cases
 from benchmarks.outfits.clothes import Wardrobe, move
 from benchmarks.outfits.layers import Layers
-from benchmarks.outfits.measure import DEEP, Expected, Skin, _places
+from benchmarks.outfits.measure import DEEP, Expected, Skin, sample_places
 from benchmarks.outfits.methods import BY_TRUE_MAP, TRUE, WAYS, Fitted, bind_to_nearest
 from benchmarks.outfits.pictures import picture_of_case
 from benchmarks.stored import read_or_compute, storing
@@ -144,12 +144,10 @@ class _Measure:
 
     def _in_keyed_skin(self, thing: Surface, found: Floats, keys: dict[str, Floats]) -> float:
         """The percentage of places in the skin with some strict key at 1 but not without; the mean over the keys."""
-        still = self._skin.distances(_places(thing, found)) >= -DEEP * self._case.centimetre
+        deepest = -DEEP * self._case.centimetre
+        still = self._skin.distances(sample_places(thing, found)) >= deepest
         shares = [
-            100
-            * float(
-                (still & (skin.distances(_places(thing, found + keys[key])) < -DEEP * self._case.centimetre)).mean()
-            )
+            100 * float((still & (skin.distances(sample_places(thing, found + keys[key])) < deepest)).mean())
             for key, skin in self._keyed.items()
             if np.linalg.norm(keys[key], axis=1).max() >= MOVED
         ]

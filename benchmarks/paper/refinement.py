@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""ZoomOut and the methods that its paper compares it with, all from the same initial maps."""
+"""The tables that compare ZoomOut with other methods of refinement, all from the same initial maps."""
 
 from __future__ import annotations
 

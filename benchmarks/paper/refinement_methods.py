@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""ZoomOut and the methods that its paper compares it with, each in both directions from the same initial maps."""
+"""The methods of the tables of refinement: ZoomOut and those of its paper, each in both directions."""
 
 from __future__ import annotations
 

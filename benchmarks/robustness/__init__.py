@@ -33,9 +33,9 @@ SECONDS, MEMORY = 60, 8 << 30
 AT_ONCE = 2
 # A transfer is right if the median error of positions, relative to the square root of the area, is smaller than this.
 RIGHT = 0.03
-SENTENCE, CRASH, HANG, TRACEBACK = "sentence", "crash", "hang", "traceback"
-RIGHT_ONE, DOUBTED, SILENT, NO_READER = "right", "said so", "silently wrong", "-"
-VERDICTS = RIGHT_ONE, SENTENCE, DOUBTED, TRACEBACK, CRASH, HANG, SILENT, NO_READER
+REFUSED, CRASH, HANG, TRACEBACK = "refused", "crash", "hang", "traceback"
+RIGHT_ONE, WARNED, SILENT, NO_READER = "right", "warned", "silently wrong", "-"
+VERDICTS = RIGHT_ONE, REFUSED, WARNED, TRACEBACK, CRASH, HANG, SILENT, NO_READER
 
 
 def run(pairs: int | None) -> Tables:
@@ -74,7 +74,7 @@ def _read(name: str, content: bytes, folder: Path, tool: str) -> str:
     answer = _answer(tool, path)
     if isinstance(answer, str):
         return answer
-    return SILENT if answer.get("read") else SENTENCE if "said" in answer else DOUBTED
+    return SILENT if answer.get("read") else REFUSED if "said" in answer else WARNED
 
 
 def _use(harden: Callable[[Mesh], Mesh], folder: Path, number: str, tool: str) -> str:
@@ -100,9 +100,9 @@ def _verdict(answer: Record | str, mesh: Mesh, source: Mesh) -> str:
     if isinstance(answer, str):
         return answer
     if "said" in answer:
-        return SENTENCE
+        return REFUSED
     carried = np.array(answer.get("carried", []), dtype=float)
-    doubts = DOUBTED if answer.get("doubts") else SILENT
+    doubts = WARNED if answer.get("doubts") else SILENT
     vertices, faces = mesh
     used = np.unique(faces) if len(faces) else np.arange(len(vertices))
     if len(carried) == len(vertices):

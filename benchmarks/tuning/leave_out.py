@@ -241,7 +241,7 @@ def _no_turns(candidates: Any, *_: Any) -> list[Any]:
 
 
 def _rigid(motion: SimilarityField, points: Floats, normals: Floats) -> tuple[Floats, Floats, Floats]:
-    """A replacement of `SimilarityField.carry`: one similarity for all."""
+    """A replacement of `SimilarityField.transform`: one similarity for all."""
     fit = procrustes(motion.places, motion.images, motion.basis.areas, motion.handedness)
     return fit(points), normals @ fit.rotation.T, np.full(len(points), float(motion.confidence.mean()))
 
@@ -250,5 +250,5 @@ LEFT_OUT = (
     LeftOut("rotational symmetry", _round, ((pipeline, "with_turned", _no_turns), (retry, "with_turned", _no_turns))),
     LeftOut("sign hypotheses", _without_extremities, ((collect, "sign_hypotheses", lambda *_: []),)),
     LeftOut("unknown scale", _parts_in_other_units, ((retry, "match_at_unknown_scale", lambda *_: None),)),
-    LeftOut("similarity field", _of_many_parts, ((SimilarityField, "carry", _rigid),)),
+    LeftOut("similarity field", _of_many_parts, ((SimilarityField, "transform", _rigid),)),
 )

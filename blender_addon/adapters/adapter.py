@@ -119,9 +119,9 @@ class TransferJob:
             options: options of the attribute's kind.
         """
         with stage(message("Transferring {what}", what=what)):
-            carried = transfer_along(attribute, self._mapped_target(source, target), **options)
-        self.remarks.add(carried.notes)
-        return carried
+            transferred = transfer_along(attribute, self._mapped_target(source, target), **options)
+        self.remarks.add(transferred.notes)
+        return transferred
 
     def along(self, match: Match) -> TransferJob:
         """The same transfer along another match."""
@@ -138,7 +138,7 @@ class TransferJob:
 
     def blend_values(
         self,
-        carried: Attribute,
+        transferred: Attribute,
         present: Attribute | None,
         sharing: Collection[str] = (),
         lacking: Collection[int] = (),
@@ -163,11 +163,11 @@ class TransferJob:
                 int(outside.sum()),
                 "{layer}: 1 vertex is on an object without this data ({sources}), and keeps its data.",
                 "{layer}: {count:,} vertices are on objects without this data ({sources}), and keep their data.",
-                layer=carried.name,
+                layer=transferred.name,
                 sources=names,
             )
             self.remarks.add([note])
-        return carried if how.replaces else blend(carried, present, self.pair.target, how, sharing)
+        return transferred if how.replaces else blend(transferred, present, self.pair.target, how, sharing)
 
     @cached_property
     def kept(self) -> Booleans:

@@ -34,8 +34,8 @@ class MarkAdapter:
         return [self.marks.name]
 
     def transfer(self, job: TransferJob) -> None:
-        carried = job.transfer(self.marks, self.marks.name)
-        self.marks = job.blend_values(carried, self.present)
+        transferred = job.transfer(self.marks, self.marks.name)
+        self.marks = job.blend_values(transferred, self.present)
 
     def write(self, target: Object) -> None:
         mesh_data.write_marks(target.data, self.marks)

@@ -38,8 +38,8 @@ class MaterialAdapter:
         return [self.materials[slot] or "(none)" for slot in np.unique(self.face_slots.values)]
 
     def transfer(self, job: TransferJob) -> None:
-        carried = job.transfer(self.face_slots, message("materials"))
-        self.face_slots = job.blend_values(carried, self.present, lacking=self.lacking)
+        transferred = job.transfer(self.face_slots, message("materials"))
+        self.face_slots = job.blend_values(transferred, self.present, lacking=self.lacking)
 
     def write(self, target: Object) -> None:
         mesh_data.write_materials(target, self.materials, self.face_slots)

@@ -61,8 +61,8 @@ class NormalAdapter:
                 job.remarks.skipped[message("custom normals")] = "the target has its own"
                 return
             job = replace(job, blend=replace(job.blend, mode="mix"))
-        carried = job.transfer(self.normals, message("custom normals"), target=self.target)
-        self.normals = job.blend_values(carried, self.present)
+        transferred = job.transfer(self.normals, message("custom normals"), target=self.target)
+        self.normals = job.blend_values(transferred, self.present)
 
     def write(self, target: Object) -> None:
         if not self.omitted:

@@ -54,8 +54,8 @@ class ShapeKeyAdapter:
         source = job.pair.source.with_vertices(self.source_rest)
         target = job.pair.target.with_vertices(self.target_rest)
         self.drivers.pair_bones(job.match, source, target)
-        carried = job.transfer(self.offsets, message("shape keys"), source, target)
-        self.offsets = job.blend_values(carried, self.present)
+        transferred = job.transfer(self.offsets, message("shape keys"), source, target)
+        self.offsets = job.blend_values(transferred, self.present)
 
     def transfer_to_rest(self, job: TransferJob, rest: Rest) -> None:
         """Transfer to a target that is moved to rest, in place of its present pose.

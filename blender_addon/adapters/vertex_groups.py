@@ -45,9 +45,9 @@ class WeightAdapter:
         return list(self.weights.labels)
 
     def transfer(self, job: TransferJob) -> None:
-        carried = job.transfer(self.weights, message("vertex groups"), **self.sharing)
-        self.weights = job.blend_values(carried, self.present, self.deforming, self.lacking)
-        if self.weights is not carried and job.settings.limit:
+        transferred = job.transfer(self.weights, message("vertex groups"), **self.sharing)
+        self.weights = job.blend_values(transferred, self.present, self.deforming, self.lacking)
+        if self.weights is not transferred and job.settings.limit:
             limit_weights(self.weights.values, job.pair.target, self.sharing["normalised"], job.settings.limit)
 
     def smooth(self, target: Surface, chosen: Booleans, limit: int) -> None:

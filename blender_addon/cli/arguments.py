@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from pathlib import Path
 
 from zoomout_core.matching.presets import DETAIL
 from zoomout_core.transfer.keys.key_table import CONVENTIONS
@@ -18,7 +17,7 @@ from ..properties.symmetry import DetectOptions, DirectionOptions, KeyOptions, L
 from ..properties.transfer import BindChoice, BindOptions, BindView, BlendOptions
 from ..properties.wrap import WrapOptions
 from . import NAME
-from .property_arguments import _number, add_options
+from .property_arguments import add_options, number_type, path, path_name
 
 LAYERS = tuple(name for name in LayerOptions.__annotations__ if name != "uv_layout")
 CHECKS = ("shape", "weights")
@@ -74,10 +73,11 @@ def _parser() -> argparse.ArgumentParser:
         if name not in READING:
             command.add_argument(
                 "--save",
+                type=path_name,
                 metavar="OUT.blend",
                 help=f"save the file there {when}, or export it to .fbx, .glb, .gltf, .obj or .ply",
             )
-        command.add_argument("--report", metavar="REPORT.json", help="write a report")
+        command.add_argument("--report", type=path_name, metavar="REPORT.json", help="write a report")
         command.add_argument("--in-place", action="store_true", help="allow outputs to overwrite input files")
     return parser
 
@@ -135,11 +135,11 @@ def _add_carry(parser: argparse.ArgumentParser) -> None:
 
 def _add_two_files(parser: argparse.ArgumentParser) -> None:
     """Add the files that a command transfers between, and options of their match."""
-    parser.add_argument("source", metavar="SOURCE", help="file to copy data from")
-    parser.add_argument("target", metavar="TARGET", help="file that receives the data")
+    parser.add_argument("source", metavar="SOURCE", type=path_name, help="file to copy data from")
+    parser.add_argument("target", metavar="TARGET", type=path_name, help="file that receives the data")
     parser.add_argument(
         "--map",
-        default="",
+        type=path_name,
         metavar="MAP.npz",
         help="map that `zoomout match` computed from the surfaces of both files, as written by `surface`",
     )
@@ -156,7 +156,9 @@ def _add_faces(parser: argparse.ArgumentParser) -> None:
         "not at rest or on the source."
     )
     _add_two_files(parser)
-    parser.add_argument("--sheet", required=True, metavar="SHEET.png", help="picture to write, a tile for each key")
+    parser.add_argument(
+        "--sheet", required=True, type=path_name, metavar="SHEET.png", help="picture to write, a tile for each key"
+    )
     parser.add_argument(
         "--key-names", choices=tuple(CONVENTIONS), help="rename the keys of the target to this convention afterwards"
     )
@@ -170,9 +172,9 @@ def _add_outfits(parser: argparse.ArgumentParser) -> None:
         ".glb and .gltf. Each pair of bodies is matched once, and an interrupted run resumes where it stopped. Avatars "
         "are written to OUT/dressed/AVATAR/OUTFIT in their own format, and OUT/report.html shows them."
     )
-    parser.add_argument("outfits", metavar="OUTFITS", type=Path, help="file or folder of dressed avatars")
-    parser.add_argument("avatars", metavar="AVATARS", nargs="+", type=Path, help="files or folders of avatars to dress")
-    parser.add_argument("-o", "--output", required=True, metavar="OUT", type=Path, help="the folder for the results")
+    parser.add_argument("outfits", metavar="OUTFITS", type=path, help="file or folder of dressed avatars")
+    parser.add_argument("avatars", metavar="AVATARS", nargs="+", type=path, help="files or folders of avatars to dress")
+    parser.add_argument("-o", "--output", required=True, metavar="OUT", type=path, help="the folder for the results")
     parser.add_argument(
         "--body",
         action="append",
@@ -197,7 +199,7 @@ def _add_surface(parser: argparse.ArgumentParser) -> None:
         "Write the visible meshes of a file, joined, in world space and in triangles, as a PLY file, which "
         "`zoomout match` reads."
     )
-    parser.add_argument("file", metavar="FILE", help="file, as for `carry`")
+    parser.add_argument("file", metavar="FILE", type=path_name, help="file, as for `carry`")
     parser.add_argument(
         "--role",
         choices=("source", "target"),
@@ -205,7 +207,9 @@ def _add_surface(parser: argparse.ArgumentParser) -> None:
         help="role of the file in a transfer: a source is read with its modifiers, a target without them but in its "
         "pose (default: target)",
     )
-    parser.add_argument("--save", required=True, metavar="OUT.ply", help="path of the surface file to write")
+    parser.add_argument(
+        "--save", required=True, type=path_name, metavar="OUT.ply", help="path of the surface file to write"
+    )
 
 
 def _add_assets(parser: argparse.ArgumentParser) -> None:
@@ -215,8 +219,10 @@ def _add_assets(parser: argparse.ArgumentParser) -> None:
         "with modifiers, in world space. If most of the file is not marked, all of its visible meshes are also "
         "written as one PLY file."
     )
-    parser.add_argument("file", metavar="FILE", help="file, as for `carry`")
-    parser.add_argument("--folder", required=True, metavar="FOLDER", help="folder to write the surfaces to")
+    parser.add_argument("file", metavar="FILE", type=path_name, help="file, as for `carry`")
+    parser.add_argument(
+        "--folder", required=True, type=path_name, metavar="FOLDER", help="folder to write the surfaces to"
+    )
 
 
 def _add_library(parser: argparse.ArgumentParser) -> None:
@@ -226,9 +232,15 @@ def _add_library(parser: argparse.ArgumentParser) -> None:
         "that are prepared already are skipped unless they changed."
     )
     parser.add_argument(
-        "folders", nargs="*", metavar="FOLDER", help="folder; the asset libraries of the Preferences if not given"
+        "folders",
+        nargs="*",
+        type=path_name,
+        metavar="FOLDER",
+        help="folder; the asset libraries of the Preferences if not given",
     )
-    parser.add_argument("--index", metavar="INDEX", help="folder of the index (default: .zoomout in the library)")
+    parser.add_argument(
+        "--index", type=path_name, metavar="INDEX", help="folder of the index (default: .zoomout in the library)"
+    )
 
 
 def _add_objects(parser: argparse.ArgumentParser) -> None:
@@ -266,7 +278,7 @@ def _add_symmetry(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--detect-again", action="store_true", help="find symmetries again, even if an object has some")
     add_options(parser, DetectOptions)
-    parser.add_argument("--use", type=_number(int, 1, None), metavar="N", help="use the Nth symmetry found")
+    parser.add_argument("--use", type=number_type(int, 1, None), metavar="N", help="use the Nth symmetry found")
     parser.add_argument("--swap-sides", action="store_true", help="swap left and right")
     parser.add_argument("--name-sides", action="store_true", help="create vertex groups for the sides")
     add_options(parser, SideOptions)

@@ -19,7 +19,7 @@ from zoomout_core.matching.presets import resolve_detail
 from zoomout_core.mesh.formats.files import write_shape
 from zoomout_core.messages import message_of
 from zoomout_core.outfits.command import dress_files, find_avatars
-from zoomout_core.runtime.outputs import atomic_write
+from zoomout_core.runtime.outputs import atomic_write, make_folder
 
 from ..properties.dress import DressOptions
 from ..properties.transfer import BindOptions, BlendOptions
@@ -60,6 +60,7 @@ def assets(context: Context, options: argparse.Namespace) -> dict[str, Any]:
         MeshError: the file cannot be used.
         OutputError: a surface could not be written.
     """
+    make_folder(Path(options.folder))
     entries: dict[str, Any] = {}
     for number, (name, surface) in enumerate(read_assets(context, options.file).items()):
         entries[name] = {"error": surface} if isinstance(surface, str) else {"file": f"{number}.ply"}
@@ -117,7 +118,7 @@ def _file_transfer(options: argparse.Namespace, data: Collection[str]) -> FileTr
         options.save,
         data,
         in_place=options.in_place,
-        map_file=options.map,
+        map_file=options.map or "",
         detail=options.detail,
         force=options.force,
     )

@@ -6,6 +6,7 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Callable, Iterable
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -55,18 +56,32 @@ def _argument(flag: str, name: str, option: Any) -> tuple[str, dict[str, Any]]:
     convert = math.degrees if is_angle else number
     low, high = (None if definition.get(end) is None else convert(definition[end]) for end in ("min", "max"))
     return flag, {
-        "type": _number(int if kind == "Int" else float, low, high),
+        "type": number_type(int if kind == "Int" else float, low, high),
         "metavar": "N",
         "default": round(convert(default), 6),
         "help": f"{explanation}, in degrees" if is_angle else explanation,
     }
 
 
-def _number(kind: type, minimum: float | None, maximum: float | None) -> Callable[[str], float]:
+def path_name(text: str) -> str:
+    """A path, which is not empty: pathlib would read an unset variable of a shell as the working folder."""
+    if not text:
+        raise argparse.ArgumentTypeError("it is empty: give a path")
+    return text
+
+
+def path(text: str) -> Path:
+    """The same as a Path."""
+    return Path(path_name(text))
+
+
+def number_type(kind: type, minimum: float | None, maximum: float | None) -> Callable[[str], float]:
     """A parser of numbers in a range."""
 
     def read(text: str) -> float:
         number: float = kind(text)
+        if not math.isfinite(number):
+            raise argparse.ArgumentTypeError(f"{text} is not a finite number")
         if minimum is not None and number < minimum:
             raise argparse.ArgumentTypeError(f"{text} is less than {minimum:g}")
         if maximum is not None and number > maximum:

@@ -18,7 +18,7 @@ import scipy
 import zoomout_core as zo
 from zoomout_core.arrays import Floats
 from zoomout_core.geometry.closest_points import closest_points
-from zoomout_core.runtime.outputs import atomic_write
+from zoomout_core.runtime.outputs import atomic_write, make_folder
 
 from .. import jobs, mesh_data, registered
 from ..scene.pair import read_pair
@@ -92,7 +92,7 @@ def run(output: Path, size: Size = FULL_SIZE) -> dict[str, Any]:
         The content of report.json; `summary` puts it into words.
     """
     output = output.resolve()
-    output.mkdir(parents=True, exist_ok=True)
+    make_folder(output)
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     seconds: dict[str, float] = {}
     with registered(), _timed(seconds, "total"):

@@ -16,6 +16,7 @@ from bpy.types import ID, Context, Object
 import zoomout_core as zo
 from zoomout_core.mesh.formats.blender_files import BLEND, split_asset
 from zoomout_core.mesh.formats.named_files import check_named_files
+from zoomout_core.mesh.formats.opening import existing
 from zoomout_core.runtime.outputs import atomic_write, atomic_write_together, is_same_file
 
 from .. import mesh_data
@@ -302,9 +303,7 @@ def _check_readable(path: str | Path) -> Path:
     Raises:
         MeshError: the file does not exist, or its format is not supported.
     """
-    path = Path(path)
-    if not path.is_file():
-        raise zo.MeshError("There is no file {path}: check the path.", path=path)
+    path = existing(path)
     if path.suffix.lower() not in READABLE:
         raise zo.MeshError(f"The format of {path} is not supported: convert it to {', '.join(READABLE)}.")
     check_named_files(path)  # importers would read them anywhere

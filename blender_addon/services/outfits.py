@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from bpy.types import Context, Object
@@ -19,8 +20,9 @@ from zoomout_core.mesh.formats.blender_files import BLEND
 from zoomout_core.messages import warning
 from zoomout_core.outfits.check import RiggedSurface, check_rigged
 from zoomout_core.outfits.dress_file import DressedFile
-from zoomout_core.outfits.parts import are_of_body
+from zoomout_core.outfits.parts import are_of_body, is_hair
 from zoomout_core.transfer import Skeleton
+from zoomout_core.transfer.dressing.missing_skin import DEPTH, complete_body
 from zoomout_core.transfer.rigging.joint_map import RiggedBody
 
 from .. import mesh_data
@@ -62,6 +64,14 @@ class _Avatar:
     def largest(self) -> str:
         """The name of the part of the body with the largest area."""
         return max(self.body, key=lambda name: self.body[name].area)
+
+
+class _Wearing(NamedTuple):
+    """Names of the objects of a dressed body in the scene."""
+
+    body: Sequence[str]
+    worn: Sequence[str]
+    largest: str  # the part of the body with the largest area
 
 
 @dataclass(frozen=True)
@@ -113,7 +123,8 @@ class BlenderFiles:
         before = _count_bones(wearer)
         report = run(prepare_dress(self.context, main, wearer.name, worn, self.dressing, MatchUse(force=True)))()
         joints = _count_bones(wearer) - before
-        made = self._check(bodies, list(target.body), wearer, report["objects"])
+        dressed = _Wearing(list(target.body), target.worn, wearer.name)
+        made = self._check(_Wearing(bodies, worn, main), dressed, report["objects"])
         for name in target.body:  # their matches refer to objects of another file
             stored_match.remove(find_mesh(self.context, name).data)
             stored_candidates.remove(find_mesh(self.context, name).data)
@@ -140,18 +151,14 @@ class BlenderFiles:
         if not meshes:
             raise zo.MeshError(f"{path} has no visible mesh with faces: make its body and clothes visible.")
         found = [find_mesh(self.context, name) for name in meshes]
-        names = [(obj.name, *(slot.material.name for slot in obj.material_slots if slot.material)) for obj in found]
-        of_body = are_of_body(names, self.body, wears=wears)
+        names = [_names_of(obj) for obj in found]
+        of_body = are_of_body([(name, *materials) for name, materials in names], self.body, wears=wears)
         depsgraph = self.context.evaluated_depsgraph_get()
         body = {
             obj.name: mesh_data.read_target_surface(obj, depsgraph)
             for obj, chosen in zip(found, of_body, strict=True)
             if chosen
         }
-        if not body:
-            raise zo.MeshError(
-                f"None of the meshes in {path} is named like a body: name those of the body with --body."
-            )
         curves = [obj.name for obj in self.context.view_layer.objects if obj.type == "CURVES" and obj.visible_get()]
         return _Avatar(body, [*(name for name in meshes if name not in body), *sorted(curves)])
 
@@ -164,19 +171,33 @@ class BlenderFiles:
         targets = Parts.of([fingerprint_target(self.context, name) for name in target.body], list(target.body.values()))
         return run(prepare_parts(self.context, sources, targets, known))()[target.largest][0]
 
-    def _check(
-        self, bodies: Sequence[str], target: Sequence[str], wearer: Object, copies: Mapping[str, str]
-    ) -> DressedFile:
-        """Check the copies that a body wears, by the names of their originals."""
+    def _check(self, source: _Wearing, target: _Wearing, copies: Mapping[str, str]) -> DressedFile:
+        """Check the copies that a target wears, by the names of their originals."""
         objects = self.context.scene.objects
         worn = {original: copy for original, copy in copies.items() if _has_faces(objects[copy])}
-        at_rest = bool(mesh_data.armatures_of(wearer)) and bool(mesh_data.armatures_of(objects[bodies[0]]))
-        before, clothes = (self._upright(names, at_rest) for names in (bodies, list(worn)))
-        bones = mesh_data.read_bones(wearer)
-        cloth, body = (self._rig_of(names, at_rest, bones) for names in (list(worn.values()), target))
+        at_rest = all(mesh_data.armatures_of(objects[each.largest]) for each in (source, target))
+        bones = mesh_data.read_bones(objects[target.largest])
+        before, body = self._complete(source, at_rest, DEPTH).surface, self._complete(target, at_rest, 0.0)
+        clothes, cloth = self._upright(list(worn), at_rest), self._rig_of(list(worn.values()), at_rest, bones)
         counts = tuple((name, len(objects[name].data.vertices)) for name in worn.values())
         checked = check_rigged(before, clothes, cloth, body, _y_up(bones.heads))
         return DressedFile(checked, (body.surface.triangles, cloth.surface.triangles), counts, 0, ())
+
+    def _complete(self, wearing: _Wearing, at_rest: bool, depth: float) -> RiggedSurface:
+        """A body, completed by clothes without skin below them, see `complete_body`, and how bones move it."""
+        objects = self.context.scene.objects
+        bones = mesh_data.read_bones(objects[wearing.largest])
+        body = self._rig_of(wearing.body, at_rest, bones)
+        if body.weights is None:
+            return body
+        names = [name for name in wearing.worn if _has_faces(objects[name]) and not is_hair(*_names_of(objects[name]))]
+        surfaces = [self._upright([name], at_rest) for name in names]
+        weights = [_weights([objects[name]], bones) for name in names]
+        skeleton = Skeleton(bones.names, bones.parents, _y_up(bones.heads))
+        clothed = complete_body(RiggedBody(body.surface, skeleton, body.weights), surfaces, weights, depth)
+        if clothed is None:
+            return body
+        return RiggedSurface(clothed.body.surface, bones.parents, clothed.body.weights)
 
     def _rig_of(self, names: Sequence[str], at_rest: bool, bones: Bones) -> RiggedSurface:
         """The surface of some objects, and how bones move it."""
@@ -200,6 +221,11 @@ class BlenderFiles:
 def _count_bones(obj: Object) -> int:
     """The number of bones of an object's armatures."""
     return sum(len(armature.data.bones) for armature in mesh_data.armatures_of(obj))
+
+
+def _names_of(obj: Object) -> tuple[str, list[str]]:
+    """The names of an object and of its materials."""
+    return obj.name, [slot.material.name for slot in obj.material_slots if slot.material]
 
 
 def _has_faces(obj: Object) -> bool:

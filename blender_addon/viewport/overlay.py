@@ -3,8 +3,8 @@
 
 An overlay is drawn on the evaluated mesh of an object, with a small depth offset towards the viewer, in any viewport
 shading. It follows the object's transform, pose and name. If modifiers change the vertices, they compute its colours,
-too, see `carried`. It is hidden with the viewport's other overlays, outside Object Mode, and while any mesh differs
-from the one that its overlay was computed for.
+too, see `evaluated_values.py`. It is hidden with the viewport's other overlays, outside Object Mode, and while any mesh
+differs from the one that its overlay was computed for.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from mathutils import Vector
 from ..mesh_data.arrays import read_array
 from ..scene.mesh_facts import facts
 from ..scene.redraw import redraw_views
-from . import carried
+from . import evaluated_values
 
 if TYPE_CHECKING:
     from zoomout_core.arrays import Floats, Integers
@@ -167,7 +167,7 @@ def show(overlays: Sequence[Overlay]) -> None:
     global _overlays, _handler
     _overlays = tuple(overlays)
     _batches.clear()
-    carried.clear()
+    evaluated_values.clear()
     if _handler is None:
         _handler = bpy.types.SpaceView3D.draw_handler_add(_draw, (), "WINDOW", "POST_VIEW")
     redraw_views()
@@ -182,7 +182,7 @@ def clear() -> None:
     _overlays, _handler = (), None
     _batches.clear()
     _names.clear()
-    carried.clear()
+    evaluated_values.clear()
     redraw_views()
 
 
@@ -220,7 +220,7 @@ def is_hidden() -> bool:
 
 def is_lost() -> bool:
     """Whether the modifiers of an object are known to lose its overlay's values."""
-    return any(carried.is_lost(obj) for _, obj in _find_overlays())
+    return any(evaluated_values.is_lost(obj) for _, obj in _find_overlays())
 
 
 def is_outdated() -> bool:
@@ -235,7 +235,7 @@ def visible_surface(overlay: Overlay, obj: Object, evaluated: Object) -> dict[st
     if overlay.divided is not None:  # modifiers cannot compute values of faces that do not exist yet
         same = len(evaluated.data.vertices) == len(obj.data.vertices)
         return _divided_surface(evaluated.data if same else obj.data, overlay.divided, overlay.values)
-    values = carried.values_on(obj, evaluated, overlay.values)
+    values = evaluated_values.values_on(obj, evaluated, overlay.values)
     return None if values is None else surface_of(evaluated.data, replace(overlay, values=values))
 
 

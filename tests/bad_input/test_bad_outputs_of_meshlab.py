@@ -91,7 +91,7 @@ def test_unwritable_report_keeps_the_existing_one(
     def full(*_: object, **__: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(Path, "write_text", full)
+    monkeypatch.setattr(Path, "write_bytes", full)
     assert_refused(
         run("transfer", *coloured, "-o", folder, "--detail", "fast"), "report.json could not be written (No space"
     )

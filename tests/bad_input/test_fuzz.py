@@ -7,7 +7,8 @@ import time
 from pathlib import Path
 
 import pytest
-from fuzz import Reader, cases, fault_of, readers, run
+from fuzz import cases, fault_of, run
+from fuzz_readers import Reader, readers
 
 from zoomout_core.mesh.errors import MeshError
 

@@ -30,14 +30,14 @@ VALUES = zo.Attribute("a", zo.Domain.POINT, zo.Kind.SCALAR, np.zeros(260))
 NUMBERS = {"k_final": 20, "samples": 60, "initial": "proximity"}
 CORE: dict[str, tuple[Callable[[], object], str]] = {
     "match while refining": (lambda: zo.match(SOURCE, TARGET, **NUMBERS), "matching.refinement.dense_map:refine"),
-    "match while carrying over": (lambda: zo.match(SOURCE, TARGET, **NUMBERS), "matching.result:lift"),
+    "match while lifting": (lambda: zo.match(SOURCE, TARGET, **NUMBERS), "matching.result:lift"),
     "match while reading": (lambda: zo.match(SOURCE, TARGET, **NUMBERS), "matching.pipeline:cached_working_mesh"),
     "nearest points": (lambda: zo.match_by_proximity(SOURCE, TARGET), "matching.proximity:closest_points"),
     "symmetry": (lambda: zo.detect_symmetry(SOURCE, k_final=20), "symmetry.detect:rank"),
     "transfer": (lambda: zo.transfer(VALUES, MAP, SOURCE, TARGET), "transfer.rules:transfer_along"),
     "conform": (lambda: zo.conform(MAP, SOURCE, TARGET), "transfer.rules:conform_target"),
     "wrap": (lambda: zo.wrap(MAP, SOURCE, TARGET), "transfer.wrapping.wrap:map_target"),
-    "dress": (lambda: zo.dress(MAP, SOURCE, TARGET, [SOURCE]), "transfer.dressing.dress:carry"),
+    "dress": (lambda: zo.dress(MAP, SOURCE, TARGET, [SOURCE]), "transfer.dressing.dress:fit_to_shape"),
     "keys of clothes": (
         lambda: zo.follow_keys(SOURCE, np.zeros((260, 1, 3)), [SOURCE]),
         "transfer.dressing.body_keys:Patches",

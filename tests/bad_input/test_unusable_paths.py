@@ -20,7 +20,7 @@ from zoomout_core.command_options import FilePath
 from zoomout_core.global_options import quiet_option
 from zoomout_core.mesh.formats.opening import existing
 from zoomout_core.messages import message_of
-from zoomout_core.runtime.outputs import OutputError
+from zoomout_core.runtime.outputs import OutputError, atomic_write
 
 LONG = "x" * 300
 
@@ -163,3 +163,10 @@ def test_a_default_cache_that_cannot_be_searched_is_not_used(tmp_path: Path, mon
 def test_existing_names_a_file_that_is_too_long(tmp_path: Path) -> None:
     with pytest.raises(OSError, match="too long"):
         existing(tmp_path / LONG)
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
+def test_a_full_device_is_named() -> None:
+    sentence = r"^/dev/full could not be written \(No space left on device\): check"
+    with pytest.raises(OutputError, match=sentence), atomic_write("/dev/full") as part:
+        part.write_text("report")

@@ -11,8 +11,9 @@ import pytest
 from click.testing import CliRunner
 
 from benchmarks.__main__ import main
-from benchmarks.datasets import PairOfParts, part_names
+from benchmarks.datasets import PairOfParts, kind_of_part, part_names
 from benchmarks.paper import partial
+from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.surface import Surface
 
 pytestmark = pytest.mark.slow
@@ -80,3 +81,8 @@ def test_a_folder_without_parts_is_refused(data: Path) -> None:
     refused = CliRunner().invoke(main, ["partial", "--data", str(data)])
     assert refused.exit_code == 1
     assert "holds nothing" in refused.output
+
+
+def test_pairs_of_other_sets_are_named() -> None:
+    with pytest.raises(MeshError, match="The pair cat_1 is of no known kind: begin its name with cut"):
+        kind_of_part("cat_1")

@@ -19,12 +19,12 @@ def test_verdict_distinguishes_right_wrong_and_reported() -> None:
     source, target = clean()
     of = lambda answer: robustness._verdict(answer, target, source)  # noqa: E731
     assert of("crash") == "crash"
-    assert of({"said": "It is empty."}) == "sentence"
+    assert of({"said": "It is empty."}) == "refused"
     assert of({"carried": target[0].tolist(), "doubts": []}) == "right"
     wrong = np.roll(target[0], 300, axis=0).tolist()
     assert of({"carried": wrong, "doubts": []}) == "silently wrong"
-    assert of({"carried": wrong, "doubts": ["A note."]}) == "said so"
-    assert of({"doubts": ["nothing was read"]}) == "said so"
+    assert of({"carried": wrong, "doubts": ["A note."]}) == "warned"
+    assert of({"doubts": ["nothing was read"]}) == "warned"
 
 
 def test_hard_meshes_keep_the_vertices_of_the_target() -> None:
@@ -37,7 +37,7 @@ def test_hard_meshes_keep_the_vertices_of_the_target() -> None:
 
 def test_files_are_read_in_separate_processes(tmp_path: Path) -> None:
     files = malformed_files()
-    for name, verdict in (("vertex_zero.obj", "sentence"), ("empty.stl", "sentence")):
+    for name, verdict in (("vertex_zero.obj", "refused"), ("empty.stl", "refused")):
         assert robustness._read(name, files[name], tmp_path, "zoomout_core") == verdict
     assert robustness._read("empty.stl", b"", tmp_path, "pyFMaps") == "-"
 

@@ -319,3 +319,40 @@ def test_invalid_value_is_refused_with_exit_status_2(more, complaint, capsys):
 def test_help_mentions_commands_and_options(command, mentioned, capsys):
     assert run(*command, "--help") == 0
     assert mentioned in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("match", "--source", "A", "--target", "B", "--save", ""),
+        ("match", "--source", "A", "--target", "B", "--report", ""),
+        ("carry", "", "b.ply"),
+        ("carry", "a.ply", ""),
+        ("carry", "a.ply", "b.ply", "--map", ""),
+        ("surface", "", "--save", "a.ply"),
+        ("assets", "a.blend", "--folder", ""),
+        ("library", ""),
+        ("library", "a", "--index", ""),
+        ("outfits", "", "a.glb", "-o", "out"),
+        ("outfits", "a.glb", "", "-o", "out"),
+        ("outfits", "a.glb", "b.glb", "-o", ""),
+    ],
+)
+def test_empty_paths_are_refused(arguments, tmp_path, monkeypatch, capsys):
+    """An unset variable of a shell would stand for the working folder, or for no output."""
+    monkeypatch.chdir(tmp_path)
+    assert run(*arguments) == 2
+    assert "it is empty: give a path" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("number", ["nan", "inf"])
+def test_numbers_that_are_not_finite_are_refused(number, capsys):
+    assert run("symmetry", "--object", "A", "--middle-width", number) == 2
+    assert f"{number} is not a finite number" in capsys.readouterr().err
+
+
+def test_files_that_cannot_be_opened_are_described(tmp_path, capsys):
+    (tmp_path / "a.ply").mkdir()
+    assert run("surface", tmp_path / "a.ply", "--save", tmp_path / "out.ply") == 1
+    assert "is a folder: give a file" in capsys.readouterr().err

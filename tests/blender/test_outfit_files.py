@@ -9,17 +9,19 @@ import pytest
 from blend_files import save
 from rigged import source_and_rig
 from scenes import activate, set_weights
+from test_dress_by_joints import bone_of, cloth_around, rigged_mannequin
 from test_dress_objects import sleeve
 from test_outfit_bones import OTHER_NAMES, own_target, tail_and_chain
 
 import zoomout_core as zo
-from blender_addon import cli
+from blender_addon import cli, mesh_data
 from blender_addon.scene.files import open_scene, shown_meshes
+from blender_addon.services import outfits
 from blender_addon.services.dressing.read import Dressing
 from blender_addon.services.outfits import BlenderFiles
 from blender_addon.storage import stored_match
 from zoomout_core.geometry.closest_points import closest_points
-from zoomout_core.outfits.check import REST, SPREAD, SWING
+from zoomout_core.outfits.check import REST, SPREAD, SWING, check_rigged
 
 
 def write(path, objects):
@@ -79,6 +81,41 @@ def test_an_avatar_in_a_file_is_dressed(avatars, tmp_path, ending):
     assert [modifier.object for modifier in copy.modifiers] == [armature]
     assert not stored_match.description(bpy.data.objects["Body"].data)
     assert len(bpy.data.meshes) == 3
+
+
+def test_clothes_without_skin_below_them_are_checked_as_skin(tmp_path, monkeypatch):
+    """Socks of avatars without shins stand in for these on both sides."""
+    shins, paths = ("shin.L", "shin.R"), (tmp_path / "dressed.blend", tmp_path / "other.blend")
+    for path in paths:
+        body, armature, _ = rigged_mannequin("Body", np.ones(3), without=shins)
+        socks = [cloth_around(f"Sock {shin[-1]}", shin, armature) for shin in shins]
+        write(path, [body, *socks, armature])
+        for obj in (body, *socks, armature):
+            bpy.data.objects.remove(obj)
+        bpy.data.orphans_purge(do_recursive=True)
+    files = BlenderFiles(bpy.context, Dressing())
+    source, target = files.read_body(paths[0], True), files.read_body(paths[1], False)
+    zo.SurfaceMap(*closest_points(target.vertices, source.vertices, source.triangles), source.triangles).save(
+        tmp_path / "map.npz", confidence=np.ones(len(target.vertices))
+    )
+    areas = []
+
+    def check(before, worn, cloth, body, heads):
+        areas.append((before.area - source.area, worn.area, body.surface.area - target.area))
+        return check_rigged(before, worn, cloth, body, heads)
+
+    monkeypatch.setattr(outfits, "check_rigged", check)
+    made = files.dress(*paths, tmp_path / "map.npz", tmp_path / "out.blend")
+    ((of_source, worn, of_target),) = areas
+    assert 0.5 * worn < of_source < worn
+    assert 0.5 * worn < of_target < worn
+    for pose in (REST, SWING, SPREAD):
+        assert len(made.checked.bodies[pose]) > len(target.vertices)
+    assert made.triangles[0].max() < len(made.checked.bodies[REST])
+    for (name, _), shin in zip(made.objects, shins, strict=True):  # no skin there that they could follow
+        copy = bpy.data.objects[name]
+        weights = mesh_data.read_weights(copy, copy.data)
+        assert weights.values[:, [weights.labels.index(bone_of(shin))]].toarray().min() > 0.9
 
 
 def test_bodies_are_read_with_their_bones(avatars):

@@ -8,7 +8,7 @@ from scenes import activate, add_uv_map, positions, snapshot_file
 from test_target_modifiers import add_modifier
 
 from blender_addon.services.matching.match import match_objects
-from blender_addon.viewport import carried, overlay, preview
+from blender_addon.viewport import evaluated_values, overlay, preview
 
 
 def seen():
@@ -38,7 +38,7 @@ def test_modifier_geometry_is_coloured_like_the_mesh(target, shown, kind):
     add_modifier(target, kind)
     before = snapshot_file()
     assert seen() is None  # copies are not made while the views are drawn
-    carried.carry_now()
+    evaluated_values.compute_requested()
     assert snapshot_file() == before
     surface = seen()
     made = evaluated(target)
@@ -59,7 +59,7 @@ def test_colours_follow_a_modifier_that_is_added_changed_or_removed(target, show
     for level in (1, 2):
         modifier.levels = level
         assert seen() is None
-        carried.carry_now()
+        evaluated_values.compute_requested()
         counts.append(len(seen()["color"]))
     assert counts[1] > 3 * counts[0]
     target.modifiers.remove(modifier)
@@ -73,7 +73,7 @@ def test_checker_is_drawn_on_modifier_geometry(source, target):
     activate(target, source)
     bpy.ops.zoomout.preview(kind="CHECKER")
     assert seen() is None
-    carried.carry_now()
+    evaluated_values.compute_requested()
     assert len(seen()["color"]) == len(evaluated(target).loops)
 
 
@@ -85,7 +85,7 @@ def test_legend_reports_colours_lost_by_modifiers(target, shown):
     target.modifiers.new("Other", "NODES").node_group = plane
     assert preview.legend(preview.current()) == preview.current().legend
     assert seen() is None
-    carried.carry_now()
+    evaluated_values.compute_requested()
     assert seen() is None
     assert preview.legend(preview.current()) == preview.LOST
 

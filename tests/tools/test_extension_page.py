@@ -3,7 +3,9 @@
 
 import bpy
 import pytest
-from extension_page import FPS, STEP, WIPE, Shot, between, edit, mirror
+from extension_page_poses import STEP, between, mirror
+from extension_page_scene import FPS
+from extension_page_video import WIPE, Shot, edit
 
 
 @pytest.fixture

@@ -183,7 +183,7 @@ def _complete(
         linear = np.tile(np.eye(3), (len(surface.vertices), 1, 1))
         skin = replace(skin, rest=surface.vertices, linear=linear, weights=weights)
     own, notes = _own_uvs(asset, given) if keep_uv else ({}, [])
-    attributes = tuple(own.get(each.name) or _carry_in_place(each, mapped) for each in source.attributes)
+    attributes = tuple(own.get(each.name) or _transfer_in_place(each, mapped) for each in source.attributes)
     notes += [note for each in attributes for note in each.notes]
     level = replace(
         source,
@@ -237,7 +237,7 @@ def _own_uvs(asset: Asset, given: Asset) -> tuple[dict[str, Attribute], list[str
     return kept, [left_out]
 
 
-def _carry_in_place(attribute: Attribute, mapped: MappedTarget) -> Attribute:
+def _transfer_in_place(attribute: Attribute, mapped: MappedTarget) -> Attribute:
     """Transfer an attribute between surfaces in the same place: offsets and directions are mixed without turning."""
     if attribute.kind not in (Kind.OFFSET, Kind.DIRECTION, Kind.NORMAL):
         return transfer_along(attribute, mapped)

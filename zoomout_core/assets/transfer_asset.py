@@ -232,11 +232,11 @@ def _transfer_attributes(
     for number, attribute in enumerate(chosen):
         start, end = ((number + step) / len(chosen) for step in (0, 1))
         with stage(message("Transferring {what}", what=attribute.name), start, end):
-            carried = transfer_along(attribute, mapped)
+            transferred = transfer_along(attribute, mapped)
             if attribute.name == SHAPE_KEYS:
-                carried = _add_keys(target.find(SHAPE_KEYS), carried)
-        received[attribute.name] = carried
-        notes += carried.notes
+                transferred = _add_keys(target.find(SHAPE_KEYS), transferred)
+        received[attribute.name] = transferred
+        notes += transferred.notes
     return tuple(received.values()), notes
 
 
@@ -272,15 +272,15 @@ def without_weights(kinds: Collection[str]) -> list[str]:
     return chosen
 
 
-def _add_keys(own: Attribute | None, carried: Attribute) -> Attribute:
+def _add_keys(own: Attribute | None, transferred: Attribute) -> Attribute:
     """Shape keys that a target has, followed by those that it receives, which replace any of the same name."""
     if own is None:
-        return carried
-    labels = tuple(dict.fromkeys((*own.labels, *carried.labels)))
+        return transferred
+    labels = tuple(dict.fromkeys((*own.labels, *transferred.labels)))
     values = np.zeros((len(own.values), len(labels), 3))
-    for each in (own, carried):
+    for each in (own, transferred):
         values[:, [labels.index(label) for label in each.labels]] = each.values
-    return replace(carried, values=values, labels=labels)
+    return replace(transferred, values=values, labels=labels)
 
 
 def base_of(source: Asset, target: Asset, kinds: Collection[str]) -> Asset:

@@ -50,6 +50,7 @@ from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.blender_files import ENDINGS as OF_BLENDER
 from zoomout_core.mesh.formats.blender_files import PROGRAM, blender_command
 from zoomout_core.mesh.formats.folders import meshes_of_all
+from zoomout_core.messages import message_of
 from zoomout_core.runtime.extras import install_hint
 from zoomout_core.runtime.outputs import check_inputs_outside, check_results_folder, is_same_file
 from zoomout_core.runtime.progress import portion
@@ -308,7 +309,9 @@ def _match_all(
     try:
         return result, _complete(result, output, how["engine"], choices, kinds)
     except (ValueError, OSError) as error:
-        raise MeshError(f"{error} The maps are in {output / MAPS}: run the command again to finish.") from error
+        raise MeshError(
+            f"{message_of(error)} The maps are in {output / MAPS}: run the command again to finish."
+        ) from error
 
 
 def _complete(

@@ -22,7 +22,7 @@ from zoomout_core.library.found import FoundPart, FoundSource, FoundSources
 from zoomout_core.library.library import INDEX, Library, find_source
 from zoomout_core.library.report import figures_of_targets, lines_of_targets, write_reports
 from zoomout_core.library.target_records import MADE, PICTURES, RECORDS
-from zoomout_core.library.transfers import Carry
+from zoomout_core.library.transfers import TransferMode
 from zoomout_core.mesh.formats.folders import meshes_of_all
 from zoomout_core.messages import message, note_figures, note_lines, probability
 from zoomout_core.runtime.outputs import OutputError, check_inputs_outside, check_results_folder
@@ -113,10 +113,10 @@ def find(
         check_inputs_outside([*inputs_of(*files), *map(Path, folders)], output, REPLACED)
         if transfer or move_rig:
             _check_outside_libraries(output, folders)
-        carry = Carry.RIG if move_rig else Carry.DATA if transfer else Carry.NOTHING
+        mode = TransferMode.RIG if move_rig else TransferMode.DATA if transfer else TransferMode.NOTHING
         named = {item.name: item.path for item in items_of(files)}
         with progress_bar():
-            result = find_all(named, libraries, output, carry, compare=compare, parts=parts, force=force, resume=resume)
+            result = find_all(named, libraries, output, mode, compare=compare, parts=parts, force=force, resume=resume)
         write_reports(result)
     lines = [*lines_of_targets(result), *note_lines(notes), f"Written to {output}; open {output / PAGE}."]
     say(lines, {**figures_of_targets(result), **note_figures(notes)}, as_json)

@@ -52,6 +52,7 @@ from zoomout_core.mesh.named_parts import NamedParts
 from zoomout_core.mesh.shapes import as_surface
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.messages import message, note_figures, note_lines, sentences, warning
+from zoomout_core.runtime.outputs import make_folder
 from zoomout_core.runtime.progress import portion
 
 # Fraction of the progress at the end of matching.
@@ -191,7 +192,7 @@ def _run_job(
         # The nearest corner of the triangle that a point is on: the nearest vertex may be beyond a thin wall.
         on_target = SurfaceMap(*closest_points(points, target.vertices, target.triangles), target.triangles)
         placed = template.landmarks.move(template.signs * points, confidence, on_target.vertex)
-        job.output.parent.mkdir(exist_ok=True)
+        make_folder(job.output.parent)
         write_landmark_file(placed, job.output)
     names = [name or str(number) for number, name in enumerate(placed.names, start=1)]
     uncertain = [name for name, low in zip(names, confidence < LOW_CONFIDENCE, strict=True) if low]

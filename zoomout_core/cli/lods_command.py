@@ -40,7 +40,7 @@ from zoomout_core.command_options import (
 from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.blender_files import ENDINGS as OF_BLENDER
 from zoomout_core.messages import note_figures, note_lines
-from zoomout_core.runtime.outputs import check_output
+from zoomout_core.runtime.outputs import check_output, make_folder
 
 RATIOS = "0.5,0.25,0.1"
 
@@ -123,7 +123,7 @@ def lods(
         first = asset if max_weights is None else with_fewer_weights(asset, max_weights)
         kinds = tuple(kind for kind in KINDS if not (keep_uv and kind == UV))
         assets = [first, *(_with_map(each, asset, kinds, max_weights) if keep_map else each.asset for each in levels)]
-        Path(output).mkdir(exist_ok=True)
+        make_folder(Path(output))
         rows = []
         for number, (each, path) in enumerate(zip(assets, paths, strict=True)):
             left_out = write_asset(with_level_names(each, number), path, inputs, compression)

@@ -53,6 +53,7 @@ from zoomout_core.matching.report.verdict import check_verdict, select_notes
 from zoomout_core.mesh.errors import MeshError
 from zoomout_core.mesh.formats.blender_files import ENDINGS as OF_BLENDER
 from zoomout_core.messages import note_figures, note_lines
+from zoomout_core.runtime.outputs import make_folder
 from zoomout_core.runtime.progress import portion
 from zoomout_core.transfer.keys.key_table import CONVENTIONS
 
@@ -280,7 +281,7 @@ def _run_job(
     report |= match_figures(result, parts) | note_figures(notes)
     check_verdict(result.verdict, choices.force, len(result.candidates))
     with keep_map(partial(save_match, result), job.output):
-        job.output.parent.mkdir(exist_ok=True)
+        make_folder(job.output.parent)
         with portion(MATCHED, 1.0):
             shape = choices.shape.replace("-", " ")
             made = transfer_asset(source, target, result, choices.kinds, shape, move_rig=choices.move_rig, mask=mask)

@@ -28,6 +28,7 @@ from zoomout_core.cli.report import json_option
 from zoomout_core.command_options import FilePath, compress_option, folders_option, in_place_option, refusals
 from zoomout_core.mesh.errors import MeshError
 from zoomout_core.messages import note_figures, note_lines
+from zoomout_core.runtime.outputs import make_folder
 
 
 @click.command()
@@ -102,7 +103,7 @@ def _run_job(
         made = update_asset(before, now, derived)
     except MeshError as error:
         raise MeshError("{name}: {reason}", name=str(job.target), reason=error) from error
-    job.output.parent.mkdir(exist_ok=True)
+    make_folder(job.output.parent)
     left_out = write_asset(made.asset, job.output, inputs, compression)
     report |= {"transferred": list(made.received), **note_figures([*derived.notes, *made.notes, *left_out])}
     done = f"Updated: {', '.join(made.received)}." if made.received else "Nothing of its data has changed."

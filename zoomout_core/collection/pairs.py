@@ -15,7 +15,7 @@ from scipy.spatial.distance import cdist
 from zoomout_core.arrays import Floats
 from zoomout_core.collection.pair_map import PairName
 from zoomout_core.mesh.errors import MeshError
-from zoomout_core.runtime.input_files import read_whole
+from zoomout_core.mesh.formats.opening import existing, file_bytes, shown
 
 # Eigenvalues used to compare shapes: the first, of the constant function, is always zero.
 COMPARED = slice(1, 40)
@@ -85,11 +85,11 @@ def read_pairs(path: str | Path, names: Sequence[str]) -> list[PairName]:
     Raises:
         MeshError: the file cannot be read, a line does not have two names, or a name is unknown.
     """
+    content = file_bytes(existing(path))
     try:
-        text = read_whole(path).decode("utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "it is not text"
-        raise MeshError(f"{path} could not be read as a list of pairs ({reason}): give a text file.") from error
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise MeshError(f"{path} is not a list of pairs: save it as plain text in UTF-8.") from error
     known = {name: name for name in names} | {Path(name).stem: name for name in names}
     pairs = []
     for number, line in enumerate(text.splitlines(), start=1):
@@ -100,10 +100,12 @@ def read_pairs(path: str | Path, names: Sequence[str]) -> list[PairName]:
             raise MeshError(f"{path}, line {number}: give two names, a source and a target, instead of {len(words)}.")
         for word in words:
             if word not in known and Path(word).stem not in known:
-                raise MeshError(f"{path}, line {number}: the collection has no shape named {word}.")
+                raise MeshError(
+                    f"{path}, line {number}: the collection has no shape named {shown(word)}: correct the name."
+                )
         source, target = (known.get(word) or known[Path(word).stem] for word in words)
         if source == target:
-            raise MeshError(f"{path}, line {number}: {source} is paired with itself.")
+            raise MeshError(f"{path}, line {number}: {source} is paired with itself: remove the line.")
         pairs.append(PairName(source, target))
     if not pairs:
         raise MeshError(f"{path} contains no pairs: write a source and a target on each line.")

@@ -40,14 +40,14 @@ def transfer_template(
     Returns:
         The outcome for each mesh that was written.
     """
-    names = {f"carry {pair.target}": pair for pair in result.records if pair.source == template}
+    names = {f"transfer to {pair.target}": pair for pair in result.records if pair.source == template}
     source = result.items[template]
     tasks = []
     for key, pair in names.items():
         try:
             check_verdict(result.verdict(pair), force)
         except MeshError as error:
-            result.failures[f"transfer to {pair.target}"] = message_of(error)
+            result.failures[key] = message_of(error)
             continue
         target, output = result.items[pair.target].file.absolute(), result.folder / MESHES / f"{pair.target}.{ending}"
         transfer = PairTransfer(
@@ -65,9 +65,8 @@ def transfer_template(
             tasks.append(Task(key, transfer_pair_through_blender, (transfer, blender)))
     received = {}
     for done in run_tasks(engine, tasks, lambda ended: f"Transferring {ended} of {len(tasks)}"):
-        name = names[done.key].target
         if isinstance(done.result, Failure):
-            result.failures[f"transfer to {name}"] = done.result.message
+            result.failures[done.key] = done.result.message
         else:
-            received[name] = done.result
+            received[names[done.key].target] = done.result
     return received

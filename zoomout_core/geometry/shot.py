@@ -105,8 +105,10 @@ def _histograms(local: Floats, cosine: Floats, distance: Floats, area: Floats, c
         centre: (p,) number of the centre.
         count: number of centres.
     """
-    azimuth = np.arctan2(local[:, 1], local[:, 0]) / (2 * np.pi)
-    elevation = np.arctan2(local[:, 2], np.hypot(local[:, 0], local[:, 1])) / np.pi + 0.5
+    # Contiguous: of strided arrays, numpy rounds arctan2 differently if the result is allocated right behind them.
+    x, y, z = np.ascontiguousarray(local.T)
+    azimuth = np.arctan2(y, x) / (2 * np.pi)
+    elevation = np.arctan2(z, np.hypot(x, y)) / np.pi + 0.5
     sides = (
         _bins_beside(azimuth * AZIMUTHS, AZIMUTHS, is_round=True),
         _bins_beside(elevation * ELEVATIONS, ELEVATIONS),

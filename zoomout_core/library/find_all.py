@@ -31,7 +31,7 @@ from zoomout_core.library.target_records import (
 )
 from zoomout_core.library.transfers import (
     SEARCHED,
-    Carry,
+    TransferMode,
     Transferred,
     transfer,
     transfer_part,
@@ -55,7 +55,7 @@ GLB = ".glb"
 class Options(NamedTuple):
     """Options of `find_all` that the result for each target depends on."""
 
-    carry: Carry
+    mode: TransferMode
     compare: int | None
     parts: bool
     force: bool
@@ -82,7 +82,7 @@ def find_all(
     targets: Mapping[str, Path],
     libraries: Sequence[Library],
     folder: Path,
-    carry: Carry = Carry.NOTHING,
+    mode: TransferMode = TransferMode.NOTHING,
     *,
     compare: int | None = None,
     parts: bool = False,
@@ -97,7 +97,7 @@ def find_all(
         targets: files of meshes, by a name for the results.
         libraries: where the sources are.
         folder: folder of the results, created if missing.
-        carry: what to transfer.
+        mode: what to do with the source that is found.
         compare: number of nearest assets to match, see `search`.
         parts: also use the other source that is proposed for a part of a target, see `find_part`.
         force: transfer even if the match is probably wrong.
@@ -107,7 +107,7 @@ def find_all(
         MeshError: a library is not prepared.
         OutputError: a record or picture cannot be written.
     """
-    assets, options = prepared_assets(libraries), Options(carry, compare, parts, force)
+    assets, options = prepared_assets(libraries), Options(mode, compare, parts, force)
     prepared = sorted(f"{library.folder} {library.content()}" for library in libraries)
     result = FoundForAll(folder, {}, {}, 0)
     new = 0
@@ -139,11 +139,11 @@ def _find(
         found = search(target.surface, assets, options.compare)
     result = found.ranked[0].match if found.ranked else None
     output, skin, notes = "", None, list[str]()
-    if found.best is not None and options.carry is not Carry.NOTHING:
+    if found.best is not None and options.mode is not TransferMode.NOTHING:
         output, (result, skin, notes) = _transfer_best(found.best.path, target, path, folder, name, options)
     if found.part is not None:
         if options.parts and output.endswith(GLB) and found.part.path.suffix.lower() in READERS:
-            made, of_part = transfer_part(found.part, path, folder / output, options.carry, options.force)
+            made, of_part = transfer_part(found.part, path, folder / output, options.mode, options.force)
             skin, notes = made or skin, [*notes, *of_part]
         else:
             notes.append(found.part.sentence)
@@ -172,9 +172,9 @@ def _transfer_best(
     ending = split_asset(source)[0].suffix.lower()
     if ending in OF_BLENDER:
         output = f"{MADE}/{name}{ending}"
-        return output, transfer_through_blender(source, path, folder / output, options.carry, options.force)
+        return output, transfer_through_blender(source, path, folder / output, options.mode, options.force)
     output = f"{MADE}/{name}{GLB}"
-    return output, transfer(source, target, path, folder / output, options.carry, options.force)
+    return output, transfer(source, target, path, folder / output, options.mode, options.force)
 
 
 def _draw(target: Surface, result: MatchResult | None, skin: Skin | None) -> Bytes:

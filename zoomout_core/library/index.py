@@ -11,13 +11,14 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass
 from itertools import chain
 from pathlib import Path, PureWindowsPath
+from time import time
 from typing import Any
 
 from zoomout_core.collection.shapes import content_key
 from zoomout_core.library.bodies import Body
 from zoomout_core.runtime.array_files import read_arrays, write_arrays
 from zoomout_core.runtime.input_files import read_whole, reason_of
-from zoomout_core.runtime.outputs import OutputError, atomic_write, check_output
+from zoomout_core.runtime.outputs import ABANDONED, OutputError, atomic_write, check_output, make_folder
 from zoomout_core.runtime.version import package_version
 
 # Increase this when bodies are computed or stored differently.
@@ -75,18 +76,22 @@ class Index:
     def write_list(self, files: Mapping[str, Listed]) -> None:
         """Replace the list, and remove the bodies of files that are gone.
 
+        Those that no list names yet are kept: another process may be preparing the same library.
+
         Raises:
             OutputError: it cannot be written.
         """
-        self._folder.mkdir(parents=True, exist_ok=True)
+        make_folder(self._folder)
+        earlier = self._body_files(self.read_list())
         content = {"format": [FORMAT, package_version()], "files": {name: asdict(each) for name, each in files.items()}}
         with atomic_write(self._folder / LIST) as part:
             part.write_text(f"{json.dumps(content, indent=1)}\n", encoding="utf-8")
-        used = {self._path(key) for each in files.values() for key in each.keys}
+        used = self._body_files(files)
         for path in self._folder.iterdir():
             if STORED.fullmatch(path.name) and path not in used:
                 with suppress(OSError):  # another process has removed it, or is reading it
-                    path.unlink()
+                    if path in earlier or time() - path.stat().st_mtime > ABANDONED:
+                        path.unlink()
 
     def check(self) -> None:
         """Check that the index can be written, before the work begins.
@@ -102,6 +107,10 @@ class Index:
                 "--index."
             ) from error
         check_output(self._folder / LIST)
+
+    def holds(self, listed: Listed) -> bool:
+        """Whether the bodies of each asset of a file are there."""
+        return all(path.is_file() for path in self._body_files({"": listed}))
 
     def load(self, key: str) -> dict[str, Body] | None:
         """The bodies that are stored under a key, by kind; None if they are missing or damaged."""
@@ -120,7 +129,7 @@ class Index:
         Raises:
             OutputError: they cannot be written.
         """
-        self._folder.mkdir(parents=True, exist_ok=True)
+        make_folder(self._folder)
         arrays = {
             f"{kind}{SEPARATOR}{field}": values
             for kind, body in bodies.items()
@@ -128,6 +137,10 @@ class Index:
         }
         with atomic_write(self._path(key)) as part:
             write_arrays(part, arrays)
+
+    def _body_files(self, files: Mapping[str, Listed]) -> set[Path]:
+        """The files of the bodies of listed files."""
+        return {self._path(key) for each in files.values() for key in each.keys}
 
     def _path(self, key: str) -> Path:
         return self._folder / f"{key}.npz"

@@ -161,12 +161,15 @@ class Library:
         return content_key(repr(sorted(self._index.read_list().items())).encode())
 
     def new_files(self) -> list[Path]:
-        """Files of the folder that are not prepared: added or changed since `prepare`, or skipped by it."""
+        """Files of the folder that are not prepared: added or changed since `prepare`, skipped by it, or without bodies
+        in the index.
+        """
         known = self._index.read_list()
         return [
             path
             for path in self._files()
-            if (listed := known.get(self._name(path))) is None or not _is_current(path, listed)
+            if (listed := known.get(self._name(path))) is None
+            or not (self._index.holds(listed) and _is_current(path, listed))
         ]
 
     def _files(self) -> Iterator[Path]:

@@ -13,7 +13,7 @@ from zoomout_core.library.find_all import FoundForAll
 from zoomout_core.library.target_records import TargetRecord, place_of_picture
 from zoomout_core.matching.report.verdict import LEVELS, select_notes
 from zoomout_core.messages import note_figures, note_lines
-from zoomout_core.runtime.outputs import atomic_write
+from zoomout_core.runtime.outputs import atomic_write, make_folder
 
 
 def figures_of_targets(result: FoundForAll) -> dict[str, Any]:
@@ -42,7 +42,7 @@ def write_reports(result: FoundForAll) -> None:
     Raises:
         OutputError: they cannot be written.
     """
-    result.folder.mkdir(exist_ok=True)
+    make_folder(result.folder)
     with atomic_write(result.folder / REPORT) as part:
         part.write_text(f"{json.dumps(figures_of_targets(result), indent=1)}\n", encoding="utf-8")
     page = picture_page(

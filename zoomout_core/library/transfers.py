@@ -35,7 +35,7 @@ SEARCHED, MATCHED = 0.4, 0.85
 TRANSFERRED = KINDS[:-1]
 
 
-class Carry(StrEnum):
+class TransferMode(StrEnum):
     """The use of a source that was found."""
 
     NOTHING = "nothing"  # only name it
@@ -51,7 +51,9 @@ class Transferred(NamedTuple):
     notes: list[str]  # sentences for the user
 
 
-def transfer(source_path: Path, target: Asset, path: Path, output: Path, carry: Carry, force: bool) -> Transferred:
+def transfer(
+    source_path: Path, target: Asset, path: Path, output: Path, mode: TransferMode, force: bool
+) -> Transferred:
     """Match a source with a target, transfer from it, and write the target.
 
     Args:
@@ -59,7 +61,7 @@ def transfer(source_path: Path, target: Asset, path: Path, output: Path, carry: 
         target: the target.
         path: its file.
         output: the file to write.
-        carry: what to transfer.
+        mode: what to do with the source that is found.
         force: transfer even if the match is probably wrong.
 
     Raises:
@@ -67,13 +69,13 @@ def transfer(source_path: Path, target: Asset, path: Path, output: Path, carry: 
         OutputError: the target cannot be written.
     """
     source = read_asset(source_path)
-    if carry is Carry.RIG and source.skin is None:
+    if mode is TransferMode.RIG and source.skin is None:
         raise MeshError(f"The best source, {source_path}, has no joints to move: leave out --move-rig, or rig it.")
     with portion(SEARCHED, MATCHED):
         result = match(source.surface, target.surface)
     check_verdict(result.verdict, force)
     with portion(MATCHED, 1):
-        made = transfer_asset(source, target, result, TRANSFERRED, move_rig=carry is Carry.RIG)
+        made = transfer_asset(source, target, result, TRANSFERRED, move_rig=mode is TransferMode.RIG)
     make_folder(output.parent)
     check_avatar(base_of(source, target, TRANSFERRED), output)
     left_out = write_asset(made.asset, output, inputs_of(path, source_path))
@@ -82,7 +84,7 @@ def transfer(source_path: Path, target: Asset, path: Path, output: Path, carry: 
 
 
 def transfer_part(
-    part: FoundPart, path: Path, output: Path, carry: Carry, force: bool
+    part: FoundPart, path: Path, output: Path, mode: TransferMode, force: bool
 ) -> tuple[Skin | None, list[str]]:
     """Transfer from the source of a part to this part of a written target, and write it again.
 
@@ -102,14 +104,14 @@ def transfer_part(
     if result.verdict.is_wrong and not force:
         return None, [part.sentence, warning(NOT_USED, file=part.path, joint=part.joint)]
     mask = np.clip(target.skin.weights @ np.isin(target.skin.names, part.joints).astype(float), 0, 1)
-    moves = carry is Carry.RIG and source.skin is not None
+    moves = mode is TransferMode.RIG and source.skin is not None
     made = transfer_asset(source, target, result, TRANSFERRED, move_rig=moves, mask=mask)
     left_out = write_asset(made.asset, output, inputs_of(path, part.path))
     used = message("The joint {joint} and all below it have the data of {file}.", joint=part.joint, file=part.path)
     return made.asset.skin, [used, *source.notes, *made.notes, *left_out]
 
 
-def transfer_through_blender(source: Path, target: Path, output: Path, carry: Carry, force: bool) -> Transferred:
+def transfer_through_blender(source: Path, target: Path, output: Path, mode: TransferMode, force: bool) -> Transferred:
     """Do as `transfer` for a source that only Blender reads, which then writes the target.
 
     Raises:
@@ -127,7 +129,7 @@ def transfer_through_blender(source: Path, target: Path, output: Path, carry: Ca
         map_file, record = Path(folder, "map.npz"), Path(folder, "record.json")
         partners = {"has_partner": result.has_partner, "source_has_partner": result.source_has_partner}
         result.surface_map.save(map_file, confidence=result.confidence, **partners)
-        kinds, moves = tuple(TRANSFERRED), carry is Carry.RIG
+        kinds, moves = tuple(TRANSFERRED), mode is TransferMode.RIG
         with portion(MATCHED, 1):
             readable = target if known else of_target
             found = transfer_pair_through_blender(

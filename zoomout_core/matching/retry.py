@@ -71,42 +71,40 @@ def attempt_part(whole: Attempt, known: Constraints) -> Attempt:
     """Match one shape as a part of the other; returns the given attempt unless the part match is more certain.
 
     The units of the files are tried first, unless they are known to differ. Other scales follow unless the part fits.
-    If no map of two fragments is likely, the first one in the units of the files is returned.
+    Two fragments are matched as parts even if no map is likely, unless their map as wholes is certain.
     """
-    upright = known.upright and are_fragments(whole.pair)
+    fragments = are_fragments(whole.pair)
+    upright = known.upright and fragments
     known = replace(known, upright=False)  # a limb may point anywhere
-    best, other_units, last = whole, units_differ(whole.pair), whole
-    if not other_units:
+    best = fallback = whole  # the fallback is returned if no map in another unit is likely
+    if not units_differ(whole.pair):
         pair = in_one_unit(whole.pair)
         with stage("Placing a part", 0.0, 0.3):
             given = [places_of(one, pair) for one in _maps_of_fragments(whole)]
             candidates = match_part(pair, known.disagreement(pair), given, upright)
-        best = _as_part(whole, pair, candidates, PART_MATCH.likely)
-        if unit_fits(candidates):
+        best = fallback = _as_part(whole, pair, candidates, PART_MATCH.likely)
+        if unit_fits(candidates) or (fragments and best is not whole):
             return best
-        # A map of fragments as wholes has a partner for nearly all of their area. It competes as a part, too.
-        if are_fragments(whole.pair):
-            last = _as_part(whole, pair, candidates, likely=0.0)
+        if fragments and whole.candidates[0].certainty < UNKNOWN_SCALE.certain:
+            # A map of fragments as wholes has a partner for nearly all of their area. It competes as a part, too.
+            fallback = _as_part(whole, pair, candidates, likely=0.0)
             # Rivals in the same unit do not indicate another one.
-            if best is whole and candidates and certainty_of_fit(candidates[0].scores) >= PART_MATCH.likely:
-                return last
+            if candidates and certainty_of_fit(candidates[0].scores) >= PART_MATCH.likely:
+                return fallback
     certainty = best.candidates[0].certainty
-    enough = UNKNOWN_SCALE.certain if best is whole else UNKNOWN_SCALE.enough
-    if certainty >= enough or (best is not whole and are_fragments(whole.pair)):
+    if certainty >= (UNKNOWN_SCALE.certain if best is whole else UNKNOWN_SCALE.enough):
         return best
     with stage("Finding the scale of a part", 0.3, 1.0):
         found = match_at_unknown_scale(whole.pair, known.disagreement, certainty)
     if found is None:
-        return last if best is whole else best
+        return fallback
     pair, candidates = found
     times, likely = times_as_large(pair), PART_MATCH.likely
     if abs(np.log(times)) > np.log(UNKNOWN_SCALE.one_unit):
         pair, likely = _with_note(pair, message(RESCALED, times=times)), UNKNOWN_SCALE.likely
     rescaled = _as_part(whole, pair, candidates, likely)
     keep_unit = best is not whole and best.candidates[0].certainty >= rescaled.candidates[0].certainty
-    if keep_unit or rescaled is whole:
-        return last if best is whole else best
-    return rescaled
+    return fallback if keep_unit or rescaled is whole else rescaled
 
 
 def _maps_of_fragments(whole: Attempt) -> Sequence[Candidate]:

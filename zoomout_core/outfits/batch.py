@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -86,7 +87,7 @@ def dress_all(
     ]
     if not wanted:
         _remove_bodies(folder / BODIES, earlier)
-        reasons = " ".join(each if name in each else f"{name}: {each}" for name, each in failures.items())
+        reasons = " ".join(_naming(name, each) for name, each in failures.items())
         raise MeshError(reasons or "Every outfit is that of the only avatar: give other outfits or avatars.")
     with portion(0, MATCHED):
         matches = _match_bodies(wanted, names, bodies, folder, options, cache, engine)
@@ -153,6 +154,11 @@ def _write_bodies(
             made.unlink()
         found[names[path]] = first
     return found
+
+
+def _naming(name: str, reason: str) -> str:
+    """A reason why a file failed, with the name of the file."""
+    return reason if re.search(rf"(?<!\w){re.escape(name)}(?!\w)", reason) else f"{name}: {reason}"
 
 
 def _remove_bodies(place: Path, kept: Collection[Path]) -> None:

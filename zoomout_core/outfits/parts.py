@@ -62,7 +62,7 @@ def split_avatar(asset: Asset, body: Sequence[str] = (), *, wears: bool = True) 
         body: patterns of the names of meshes or materials of the body, such as `Body*`. If omitted, words in these
             names decide.
         wears: whether it must have both. If not, parts of unknown names belong to the body, and patterns that match
-            nothing are not used.
+            none of its parts are ignored: they name parts of outfits.
 
     Raises:
         MeshError: it must have both, but does not, or none of its parts has a name of the body.
@@ -81,9 +81,13 @@ def are_of_body(names: Sequence[Sequence[str]], body: Sequence[str] = (), *, wea
         MeshError: it must have a body and worn parts, but does not, or none of its names is of the body.
     """
     found = [_is_of_body(each, body) for each in names]
-    if not wears and not any(found):  # the patterns are those of outfits
+    if not wears and not any(found):
         found = [_is_of_body(each, ()) for each in names]
     known = [(not wears) if kind is None else kind for kind in found]
+    if not wears and not any(known):
+        raise MeshError(
+            f"None of its parts is named like one of a body ({_name_list(names)}): name those of the body with --body."
+        )
     if body and not any(known):
         raise MeshError(f"--body matches none of its parts ({_name_list(names)}): correct the pattern.")
     if wears and all(known) and (body or None not in found):

@@ -103,7 +103,8 @@ def atomic_write(output: str | os.PathLike[str]) -> Iterator[Path]:
     """
     path = _destination(output)
     if path.exists() and not path.is_file():
-        yield path
+        with _explain_errors(path):
+            yield path
         return
     with _explain_errors(path):
         part = _part_of(path)
@@ -202,7 +203,7 @@ def _check_name(path: Path) -> None:
 @contextmanager
 def _explain_errors(path: Path) -> Iterator[None]:
     """Turn a system error into a sentence that names the output."""
-    existed = path.exists()
+    existed = path.is_file()
     try:
         yield
     except OutputError:

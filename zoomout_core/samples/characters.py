@@ -150,11 +150,12 @@ def checker() -> bytes:
 
 def _texture_coordinates(made: Creature) -> Floats:
     """(c, 2) longitude and latitude of the corners' directions, with a seam at the back."""
-    where = made.directions[made.surface.corner_vertex]
-    across = (np.arctan2(where[:, 0], -where[:, 1]) / np.pi + 1) / 2
+    # Contiguous, so that the last bits do not depend on the place of the arrays in memory, as in `geometry/shot.py`.
+    x, y, z = np.ascontiguousarray(made.directions[made.surface.corner_vertex].T)
+    across = (np.arctan2(x, -y) / np.pi + 1) / 2
     of_face = across.reshape(-1, 3)
     of_face += (of_face < 0.5) & (np.ptp(of_face, axis=1, keepdims=True) > 0.5)
-    return np.column_stack([of_face.ravel(), 1 - np.arccos(where[:, 2]) / np.pi])
+    return np.column_stack([of_face.ravel(), 1 - np.arccos(z) / np.pi])
 
 
 def _skin(surface: Surface, where: Floats) -> Skin:

@@ -30,8 +30,8 @@ COMPARISON_WIDTH = 0.1
 
 def mirror_offsets(offsets: Floats, symmetry: SelfMap) -> Floats:
     """(n, 3) displacements (n, 3) of the vertices with both sides exchanged, in the frame of each place."""
-    carried = np.einsum("nij,nj->ni", frames(symmetry), _check(offsets, symmetry))
-    return symmetry.surface_map.interpolate(carried)
+    mirrored = np.einsum("nij,nj->ni", frames(symmetry), _check(offsets, symmetry))
+    return symmetry.surface_map.interpolate(mirrored)
 
 
 def symmetrise_offsets(offsets: Floats, symmetry: SelfMap, direction: Direction = "left_to_right") -> Floats:

@@ -18,6 +18,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from zoomout_core.arrays import Booleans, Floats, Integers, segment_sum
+from zoomout_core.geometry.gradients import products_of_gradients, without_sums
 from zoomout_core.geometry.procrustes import fit_neighbourhoods, nearest_rotations, products
 from zoomout_core.geometry.screened_smoothing import ScreenedSmoothing
 from zoomout_core.mesh.triangles import vertex_areas
@@ -25,7 +26,6 @@ from zoomout_core.mesh.working_mesh import WorkingMesh
 from zoomout_core.runtime.once import once_per_argument
 from zoomout_core.spectral.laplacian import mesh_laplacian
 from zoomout_core.transfer.attribute import Domain
-from zoomout_core.transfer.gradients import products_of_gradients, without_sums
 from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.tuning import Tuning, tuned
 

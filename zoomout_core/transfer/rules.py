@@ -24,7 +24,7 @@ from zoomout_core.transfer.continuation import extrapolate_map
 from zoomout_core.transfer.edges.transfer_edges import snap_marks, transfer_edges
 from zoomout_core.transfer.finite import with_finite_values
 from zoomout_core.transfer.interpolate import MIX, VOTE
-from zoomout_core.transfer.keys.shape_keys import carry_offsets, conform_target
+from zoomout_core.transfer.keys.shape_keys import conform_target, transfer_offsets
 from zoomout_core.transfer.mapped_target import MappedTarget
 from zoomout_core.transfer.normals import turn_directions, turn_normals
 from zoomout_core.transfer.rigging.weights import mix_weights
@@ -121,7 +121,7 @@ RULES: dict[Kind, Rule] = {
         mirrorable=True,
     ),
     Kind.OFFSET: Rule(
-        {Domain.POINT: carry_offsets},
+        {Domain.POINT: transfer_offsets},
         range(1, ANY),
         "f",
         "three floats for each key",

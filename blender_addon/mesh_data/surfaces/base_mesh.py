@@ -30,7 +30,7 @@ from .surfaces import (
 )
 
 # Name of an attribute on a temporary mesh.
-CARRIED = "zoomout_carried"
+PASSED = "zoomout_passed"
 # Modifiers that pose any mesh: after one that adds vertices, they still move the base in the same way.
 POSING = frozenset({"ARMATURE", "LATTICE"})
 
@@ -146,12 +146,12 @@ def values_through_modifiers(obj: Object, depsgraph: Depsgraph, values: Floats) 
     vectors[:, : values.shape[1]] = values
     with temporary_copy(obj, depsgraph) as copy:
         copy.data = mesh = obj.data.copy()
-        write_layer(mesh, Layer(Attribute(CARRIED, domain, Kind.VECTOR, vectors), Role.GENERIC, "FLOAT_VECTOR"))
+        write_layer(mesh, Layer(Attribute(PASSED, domain, Kind.VECTOR, vectors), Role.GENERIC, "FLOAT_VECTOR"))
         depsgraph.view_layer.update()
         with evaluated_mesh(copy, depsgraph) as (_, made):
-            kept = made.attributes.get(CARRIED)
+            kept = made.attributes.get(PASSED)
             lost = kept is None or kept.domain != domain.name
-            found = None if lost else read_layer(made, CARRIED).attribute.values[:, : values.shape[1]]
+            found = None if lost else read_layer(made, PASSED).attribute.values[:, : values.shape[1]]
     bpy.data.meshes.remove(mesh)
     return found
 

@@ -29,6 +29,7 @@ from zoomout_core.transfer import (
 from zoomout_core.transfer.dressing.hidden_skin import keys_that_hide_skin
 from zoomout_core.transfer.dressing.missing_skin import place_by_bones
 from zoomout_core.transfer.rigging.joint_map import RiggedBody
+from zoomout_core.transfer.rigging.skinning import strongest
 
 from ...mesh_data import BodyKeys, Bones, OutfitBones, Worn
 from ...storage import stored_match
@@ -172,9 +173,27 @@ def _follow_weights(
     """Change the weights of the copies as those of the body below them change."""
     partners = {name: fit.pairs.get(name, name) for name in rigs.body.names}
     names = BoneNames(partners, rigs.outfit.names, rigs.others.names)
-    bodies = BodyPair(body, _vertices_of(body, fitting), shape, fitting.target)
+    bodies = _without_missing_limbs(BodyPair(body, _vertices_of(body, fitting), shape, fitting.target), fitting, names)
     changes = follow_groups(weights, names, bodies, fitting.worn, fit.dressed.vertices)
     return replace(fit, weights=changes)
+
+
+def _without_missing_limbs(bodies: BodyPair, fitting: Fitting, names: BoneNames) -> BodyPair:
+    """A pair without the cloth that stands in for skin that bones move which move no skin of the target.
+
+    The nearest skin of the target is on another limb, and with its weights trousers would not follow the legs.
+    """
+    clothed, weights = fitting.clothed, fitting.weights
+    if clothed is None or weights is None:
+        return bodies
+    of_target = csr_array(weights_of_bones(weights.target, names.target))
+    present = {names.target[bone] for bone in np.unique(strongest(of_target))}
+    is_present = np.array([names.partners.get(name, name) in present for name in clothed.body.bones.names])
+    kept = (np.arange(len(bodies.shape)) < clothed.skin) | is_present[strongest(clothed.body.weights)]
+    triangles = bodies.body.triangles[kept[bodies.body.triangles].all(axis=1)]
+    number = np.cumsum(kept) - 1
+    surface = zo.Surface(bodies.body.vertices[kept], number[triangles])
+    return BodyPair(surface, kept, bodies.shape[kept], bodies.target)
 
 
 def _follow_keys(fitting: Fitting, keys: BodyKeys, fit: Fit) -> list[Floats]:

@@ -81,8 +81,8 @@ async def of_match(context: Context, pair: ObjectPair, match: Match, kind: str) 
             with evaluated_sources(context, pair) as sources:
                 uv = read_joined_active_uv_map(sources)
             with stage("Applying the checker", 0.1, 1):
-                carried, divided = await compute(partial(_along_cut if kind == CUT else _along, uv, match, pair))
-            on_source, on_target = uv.values, carried.values
+                transferred, divided = await compute(partial(_along_cut if kind == CUT else _along, uv, match, pair))
+            on_source, on_target = uv.values, transferred.values
     target = find_mesh(context, pair.target_name)
     overlays = [Overlay(target.session_uid, on_target, pair.target_fingerprint.content, divided)]
     if on_source is not None:

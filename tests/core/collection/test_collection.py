@@ -397,7 +397,6 @@ def test_command_refuses_conflicting_options(folder: Path, tmp_path: Path, argum
         ((each for each in [("a", "b", "c")]), r"A pair is \('a', 'b', 'c'\): give the names"),
         ([("a", "other")], "has no shape named other: give its file name"),
     ],
-    ids=str,
 )
 def test_pairs_that_are_no_names_are_refused(folder: Path, tmp_path: Path, pairs: Any, said: str) -> None:
     with pytest.raises(MeshError, match=said):

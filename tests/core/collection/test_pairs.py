@@ -53,7 +53,7 @@ def test_pair_files_accept_names_with_or_without_suffix(tmp_path: Path) -> None:
     ("text", "said"),
     [
         ("a\n", "line 1: give two names"),
-        ("a b\na x\n", "line 2: the collection has no shape named x"),
+        ("a b\na x\n", "line 2: the collection has no shape named 'x': correct"),
         ("a a.off\n", "paired with itself"),
         ("# none\n", "contains no pairs"),
     ],
@@ -63,5 +63,13 @@ def test_invalid_pair_files_are_refused(tmp_path: Path, text: str, said: str) ->
     path.write_text(text)
     with pytest.raises(MeshError, match=said):
         read_pairs(path, NAMES)
-    with pytest.raises(MeshError, match="could not be read"):
+
+
+def test_pair_files_that_cannot_be_read_are_named(tmp_path: Path) -> None:
+    with pytest.raises(MeshError, match=r"There is no file .*missing\.txt: check the path"):
         read_pairs(tmp_path / "missing.txt", NAMES)
+    with pytest.raises(MeshError, match="is a folder: give a file"):
+        read_pairs(tmp_path, NAMES)
+    (tmp_path / "image.txt").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(MeshError, match="is not a list of pairs: save it as plain text in UTF-8"):
+        read_pairs(tmp_path / "image.txt", NAMES)

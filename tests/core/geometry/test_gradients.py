@@ -4,10 +4,10 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import csr_array
+from scipy.sparse import csc_array, csr_array
 from transfer_meshes import globe, plate
 
-from zoomout_core.geometry.gradients import divergence_matrices, gradient_matrices
+from zoomout_core.geometry.gradients import divergence_matrices, gradient_matrices, products_of_gradients
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.spectral.laplacian import mesh_laplacian
 
@@ -45,6 +45,17 @@ def test_divergence_of_a_gradient_is_the_laplacian() -> None:
         for along, slope in zip(divergence_matrices(stiffness, steps), SLOPE, strict=True)
     )
     np.testing.assert_allclose(divergence, stiffness @ (surface.vertices @ SLOPE), atol=1e-12)
+
+
+def test_products_of_gradients_are_integrated_over_the_areas_of_vertices() -> None:
+    mesh = plate(20, 20, jitter=0.1)
+    stiffness, areas = mesh_laplacian(*_arrays(mesh))
+    slopes = np.array([[2.0, 1], [0, 3], [-1, 1]])
+    found = products_of_gradients(csc_array(stiffness), mesh.vertices[:, :2] @ slopes.T, mesh.vertices[:, :2])
+    np.testing.assert_allclose(found.sum(axis=0), slopes * areas.sum(), atol=1e-9)
+    x, y = mesh.vertices[:, :2].T
+    inner = np.minimum(np.minimum(x, 1 - x), np.minimum(y, 1 - y)) > 0.1
+    np.testing.assert_allclose(found[inner].sum(axis=0), slopes * areas[inner].sum(), atol=0.01)
 
 
 def _arrays(surface: Surface) -> tuple[np.ndarray, np.ndarray]:

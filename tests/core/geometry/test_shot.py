@@ -115,6 +115,21 @@ def test_unused_vertices_have_no_descriptor_but_cloud_points_do(made, descriptor
     np.testing.assert_allclose(np.linalg.norm(shot(cloud, 0.6), axis=1), 1)
 
 
+def test_angles_of_contiguous_arrays_do_not_depend_on_the_place_in_memory(made, monkeypatch) -> None:
+    # numpy takes a slower loop, which rounds differently, where it suspects that a strided input overlaps the result.
+    contiguous = []
+    arctan2 = np.arctan2
+
+    def watched(y, x):
+        contiguous.append(y.flags.c_contiguous and x.flags.c_contiguous)
+        return arctan2(y, x)
+
+    monkeypatch.setattr(np, "arctan2", watched)
+    shot(made.surface, 0.25)
+    assert contiguous
+    assert all(contiguous)
+
+
 @pytest.mark.parametrize("radius", [0, -1.0, float("nan"), float("inf")])
 def test_a_radius_must_be_positive(made, radius) -> None:
     with pytest.raises(ValueError, match="give a positive number, relative to the root of the area"):

@@ -7,6 +7,7 @@ import json
 import os
 from dataclasses import replace
 from pathlib import Path
+from time import time
 from types import SimpleNamespace
 from typing import Any
 
@@ -21,10 +22,11 @@ from zoomout_core.library import asset_match as asset_match_module
 from zoomout_core.library import library as library_module
 from zoomout_core.library import search as search_module
 from zoomout_core.library.descriptor import DESCRIPTOR, compare
+from zoomout_core.library.index import key_of
 from zoomout_core.library.library import INDEX
 from zoomout_core.library.search import SEARCH
 from zoomout_core.mesh.formats.files import write_shape
-from zoomout_core.runtime.outputs import OutputError
+from zoomout_core.runtime.outputs import ABANDONED, OutputError
 from zoomout_core.samples import creature, directions
 from zoomout_core.samples.spheres import outward_hull
 from zoomout_core.tuning import retune
@@ -378,3 +380,45 @@ def test_found_sources_are_not_transferred_into_the_library(place: str, folder: 
         ran = CliRunner().invoke(main, [*arguments, option])
         assert ran.exit_code == 1
         assert "which would take the results for its characters: choose another output folder" in ran.output
+
+
+def test_preparing_twice_at_once_keeps_the_bodies_of_both(
+    tmp_path: Path, instant: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The first process to end does not list the files that the other is still preparing."""
+    write_shape(ball(), tmp_path / "a.ply")
+    bodies_of = library_module.bodies_of
+
+    def prepare_meanwhile(surface: zo.Surface) -> Any:
+        monkeypatch.setattr(library_module, "bodies_of", bodies_of)
+        path = tmp_path / "b.ply"
+        write_shape(surface.with_vertices(2 * surface.vertices), path)
+        other._index.save(key_of([path]), bodies_of(surface))  # it is not listed yet
+        return bodies_of(surface)
+
+    library, other = zo.Library(tmp_path), zo.Library(tmp_path)
+    monkeypatch.setattr(library_module, "bodies_of", prepare_meanwhile)
+    library.prepare()
+    assert other.prepare().new == 0
+    assert [each.path.name for each in other.assets()] == ["a.ply", "b.ply"]
+
+
+def test_a_file_without_bodies_counts_as_not_prepared(tmp_path: Path, instant: None) -> None:
+    write_shape(ball(), tmp_path / "a.ply")
+    library = zo.Library(tmp_path)
+    library.prepare()
+    (stored,) = (tmp_path / INDEX).glob("*.npz")
+    stored.unlink()
+    assert library.new_files() == [tmp_path / "a.ply"]
+
+
+def test_bodies_without_a_list_are_removed_once_they_are_old(tmp_path: Path, instant: None) -> None:
+    write_shape(ball(), tmp_path / "a.ply")
+    library = zo.Library(tmp_path)
+    library.prepare()
+    left = tmp_path / INDEX / f"{'0' * 32}.npz"
+    for seconds, stays in ((0, True), (ABANDONED + 60, False)):
+        left.write_bytes(b"")
+        os.utime(left, (time() - seconds,) * 2)
+        library.prepare()
+        assert left.exists() == stays

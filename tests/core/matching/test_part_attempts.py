@@ -132,6 +132,20 @@ def test_unlikely_map_of_fragments_wins_unless_that_of_the_wholes_is_certain(
     assert choose_map(monkeypatch, by_whole, by_part, fragments=fragments) == (taken, expected)
 
 
+def test_certain_map_of_fragments_as_wholes_is_kept_if_that_of_a_part_fits_but_has_rivals(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(retry_module, "certainty_of_fit", lambda _: 0.9)
+    assert choose_map(monkeypatch, 0.8, 0.05, fragments=True) == ("part", 0.05)
+    assert choose_map(monkeypatch, 0.95, 0.05, fragments=True) == ("whole", 0.95)
+
+
+def test_unlikely_map_of_fragments_is_kept_if_none_in_another_unit_is_likely(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(globals(), "without_fragment", lambda pair, *_: (pair, [candidate(0.1, ELSEWHERE)]))
+    assert choose_map(monkeypatch, 0.1, 0.05, fragments=True) == ("part", 0.05)
+    assert choose_map(monkeypatch, 0.1, 0.05) == ("whole", 0.1)
+
+
 @pytest.mark.parametrize(("of_fit", "searched"), [(0.1, True), (0.2, False)])
 def test_no_other_unit_is_tried_if_one_map_of_fragments_fits_in_spite_of_rivals(
     monkeypatch: pytest.MonkeyPatch, of_fit: float, searched: bool

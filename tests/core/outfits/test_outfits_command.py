@@ -17,7 +17,7 @@ from zoomout_core.collection.collection import CollectionResult
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.report.verdict import Verdict
-from zoomout_core.outfits import joint_match
+from zoomout_core.outfits import batch, joint_match
 from zoomout_core.outfits.gltf_files import GltfFiles
 from zoomout_core.transfer.rigging.joint_map import RiggedBody
 
@@ -156,3 +156,11 @@ def test_numbers_that_describe_no_fit_are_refused_before_work(
     assert ran.exit_code == 1
     assert f"{option[2:]} is {value}: give a" in ran.output
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("reason", "line"),
+    [("s.glb is empty.", "s.glb is empty."), ("Its parts have no names.", "s: Its parts have no names.")],
+)
+def test_reasons_name_the_file_that_failed(reason: str, line: str) -> None:
+    assert batch._naming("s", reason) == line

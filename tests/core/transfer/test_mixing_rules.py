@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scipy.sparse import csc_array, csr_array
+from scipy.sparse import csr_array
 from scipy.spatial.transform import Rotation
 from transfer_meshes import globe, identity, nearest_map, plate
 
@@ -17,11 +17,9 @@ from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_areas, unique_edges, vertex_normals
 from zoomout_core.samples.spheres import ball
-from zoomout_core.spectral.laplacian import mesh_laplacian
 from zoomout_core.transfer import Attribute, Domain, Kind, transfer
 from zoomout_core.transfer.cut_mesh import cut_surface
 from zoomout_core.transfer.frames import DOUBTED_WEIGHT, frames_of, frames_on, on_working_mesh, rotations
-from zoomout_core.transfer.gradients import products_of_gradients
 from zoomout_core.transfer.inpaint import filling
 from zoomout_core.transfer.interpolate import MIX, VOTE
 from zoomout_core.transfer.mapped_target import MappedTarget
@@ -306,15 +304,6 @@ def test_frames_recover_rotation_reflection_and_growth(mirror: int) -> None:
     np.testing.assert_allclose(frames.rotations, np.tile(linear / 3, (len(frames.number), 1, 1)), atol=1e-6)
     np.testing.assert_allclose(frames.turns, np.tile(linear, (len(frames.number), 1, 1)), atol=1e-5)
     np.testing.assert_allclose(frames.areas.sum(), 1)
-
-
-def test_gradients_are_integrated_over_the_areas_of_vertices() -> None:
-    stiffness, areas = mesh_laplacian(MESH.vertices, MESH.triangles)
-    slopes = np.array([[2.0, 1], [0, 3], [-1, 1]])
-    found = products_of_gradients(csc_array(stiffness), MESH.vertices[:, :2] @ slopes.T, MESH.vertices[:, :2])
-    np.testing.assert_allclose(found.sum(axis=0), slopes * areas.sum(), atol=1e-9)
-    inner = np.minimum(np.minimum(X, 1 - X), np.minimum(Y, 1 - Y)) > 0.1
-    np.testing.assert_allclose(found[inner].sum(axis=0), slopes * areas[inner].sum(), atol=0.01)
 
 
 @pytest.mark.parametrize("spacing", [lambda x: x**2, lambda x: 1 - (1 - x) ** 2])

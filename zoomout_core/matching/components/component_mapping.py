@@ -19,7 +19,7 @@ from zoomout_core.matching.components.boundary_loops import loops_on_loops
 from zoomout_core.matching.components.fused_parts import FusedPart, find_fused
 from zoomout_core.matching.components.parts import BODY_MAP_ERROR, MAX_PAIRED_PARTS, Part, Side, pair_parts
 from zoomout_core.matching.components.similarity_field import SimilarityField, affine_maps, transform_points
-from zoomout_core.matching.components.turned_parts import carry_turned
+from zoomout_core.matching.components.turned_parts import register_turned_parts
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.report.verdict import VERDICT
 
@@ -106,8 +106,8 @@ def _map_parts(
     pair: Pair, source: Side, target: Side, theirs: Sequence[Part], motion: SimilarityField
 ) -> tuple[ComponentMap, set[int]]:
     """Map the target's loose parts; returns also the numbers of the source's parts that have images on them."""
-    points, normals, around = _carry(target, motion)
-    points, normals = carry_turned(pair, motion, source, target, theirs, points, normals)
+    points, normals, around = _transform(target, motion)
+    points, normals = register_turned_parts(pair, motion, source, target, theirs, points, normals)
     ours = target.parts(points)
     partners, misfit = pair_parts(
         ours[:MAX_PAIRED_PARTS],
@@ -145,11 +145,11 @@ def _motion(pair: Pair, source: Side, target: Side, body: SurfaceMap, confidence
     return SimilarityField(target.points[target.body_vertices][nodes], images, confidence, pair.target_shape.basis)
 
 
-def _carry(target: Side, motion: SimilarityField) -> tuple[Floats, Floats, Floats]:
+def _transform(target: Side, motion: SimilarityField) -> tuple[Floats, Floats, Floats]:
     """(n, 3) points, (n, 3) normals and (n,) confidence of the target's mesh, its loose parts moved with the body."""
     loose = np.flatnonzero(target.loose)
     before, turned_from = target.points[loose], target.mesh.vertex_normals[loose]
-    after, turned_to, confidence = motion.carry(before, turned_from)
+    after, turned_to, confidence = motion.transform(before, turned_from)
     _, label = np.unique(target.mesh.component[loose], return_inverse=True)
     areas = target.areas[loose]
     share = csr_array((areas / np.bincount(label, areas)[label], (label, np.arange(len(loose)))))

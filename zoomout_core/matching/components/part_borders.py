@@ -76,7 +76,7 @@ def straighten_borders(
 
     def measure(some: Integers, limit: Floats) -> None:
         """Compute the distances of some candidates, but for those beyond the limit (n,) of their vertices."""
-        places, turned = motions.carry(vertex[some], label[some])
+        places, turned = motions.transform(vertex[some], label[some])
         near = surface.min_distance(places, label[some]) <= limit[vertex[some]]
         some, places, turned = some[near], places[near], turned[near]
         apart[some] = surface.closest(places, turned, label[some])[2]

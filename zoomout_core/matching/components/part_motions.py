@@ -84,11 +84,11 @@ class PartMotions:
         piece = self.piece[near]
         return np.where((distance < APART / 2) & self.rigid[piece], piece, -1)
 
-    def carry(self, vertex: Integers, part: Integers) -> tuple[Floats, Floats]:
+    def transform(self, vertex: Integers, part: Integers) -> tuple[Floats, Floats]:
         """(q, 3) points and (q, 3) normals of vertices (q,) if they belong to parts (q,)."""
         points, normals, piece = self.points[vertex], self.normals[vertex], self.pieces(vertex, part)
         own = piece >= 0
-        points[own], normals[own] = _carry(self.target, self.similarities, vertex[own], piece[own])
+        points[own], normals[own] = _transform(self.target, self.similarities, vertex[own], piece[own])
         return points, normals
 
 
@@ -185,7 +185,7 @@ def _register(
             typical = float(np.median(similarities.scale[piece[distance <= np.median(distance)]]))
             scales = typical / SAME_SCALE, typical * SAME_SCALE
         before = places
-        places, turned = _carry(target, similarities, vertex, piece)
+        places, turned = _transform(target, similarities, vertex, piece)
         motion = np.linalg.norm(places - before, axis=1)
         if number > 1 and 2 * np.count_nonzero(motion < CONVERGED_MOTION) > len(motion):
             break
@@ -235,7 +235,7 @@ def _choose_samples(part: Integers, points: Floats, usable: Integers, count: int
     return usable[order[np.concatenate([np.zeros(0, dtype=np.int64), *chosen])]]
 
 
-def _carry(target: Side, similarities: Similarities, vertex: Integers, piece: Integers) -> tuple[Floats, Floats]:
+def _transform(target: Side, similarities: Similarities, vertex: Integers, piece: Integers) -> tuple[Floats, Floats]:
     """(q, 3) points and (q, 3) normals of vertices (q,), moved by the similarities of pieces (q,)."""
     linear = similarities.linear[piece]
     points = np.einsum("qij,qj->qi", linear, target.points[vertex]) + similarities.translation[piece]

@@ -15,7 +15,7 @@ from zoomout_core.arrays import Booleans, Floats, Integers
 from zoomout_core.geometry.procrustes import Similarities, procrustes
 from zoomout_core.matching.components.parts import Part, Side, relation_of
 from zoomout_core.matching.components.shell_registration import Shells, register_shells
-from zoomout_core.matching.components.similarity_field import SimilarityField, carry_in_blocks
+from zoomout_core.matching.components.similarity_field import SimilarityField, transform_in_blocks
 from zoomout_core.matching.pair import Pair
 from zoomout_core.tuning import Tuning, tuned
 
@@ -45,7 +45,7 @@ def pair_shells(
     here = Shells.of([(target.points, target.mesh.triangles[part.triangles]) for part in ours])
     there = Shells.of([(source.points, source.mesh.triangles[part.triangles]) for part in theirs])
     flat = here.sparse.reshape(-1, 3)
-    moved = carry_in_blocks(motion, flat, np.zeros_like(flat))[0].reshape(here.sparse.shape)
+    moved = transform_in_blocks(motion, flat, np.zeros_like(flat))[0].reshape(here.sparse.shape)
     prior = procrustes(here.sparse, moved, None, motion.handedness)  # how the body moves each shell
     # Regions only exclude pairs. A bonus for shared regions would pair a left shoe with a right one, because both are
     # shoes.

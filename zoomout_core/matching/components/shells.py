@@ -35,7 +35,7 @@ from zoomout_core.matching.components.shell_images import (
     uncover,
 )
 from zoomout_core.matching.components.shell_pairs import pair_shells
-from zoomout_core.matching.components.similarity_field import SimilarityField, carry_in_blocks
+from zoomout_core.matching.components.similarity_field import SimilarityField, transform_in_blocks
 from zoomout_core.matching.constraints import PINNING_WIDTH
 from zoomout_core.matching.pair import Pair, landmark_points
 from zoomout_core.matching.refinement.confidence import Partners
@@ -83,7 +83,7 @@ def map_shells(pair: Pair, fit: Fit, confidence: Floats, of_hulls: Partners) -> 
     source = Side.of(pair.source, pair.source_shape.proxy.full)
     target = Side.of(pair.target, pair.target_shape.proxy.full)
     motion, in_place = _motion(pair, fit, confidence, target)
-    points, normals, around = carry_in_blocks(motion, target.points, target.mesh.vertex_normals)
+    points, normals, around = transform_in_blocks(motion, target.points, target.mesh.vertex_normals)
     moved = MovedTarget(points, normals, motion, in_place)
     image = _map_outsides(pair, moved, source, target)
     confidence = np.clip(around, 0, 1) / (1 + (image.distance / SHELLS.half_distance) ** 2)

@@ -64,7 +64,7 @@ class SimilarityField:
         near = np.reshape(self._tree.query(points)[1], len(points))
         return self._moments[1].rotations(self.handedness)[near]
 
-    def carry(self, points: Floats, normals: Floats) -> tuple[Floats, Floats, Floats]:
+    def transform(self, points: Floats, normals: Floats) -> tuple[Floats, Floats, Floats]:
         """Move points (q, 3) around the body, and turn directions (q, 3); returns both, and (q,) confidence."""
         count = min(BLENDED_NEIGHBOURS, len(self.places))
         distance, near = (np.reshape(part, (len(points), count)) for part in self._tree.query(points, count))
@@ -83,10 +83,10 @@ class SimilarityField:
         return *transform_points(affine, points, normals), blend @ self.confidence
 
 
-def carry_in_blocks(motion: SimilarityField, points: Floats, normals: Floats) -> tuple[Floats, Floats, Floats]:
-    """`SimilarityField.carry` for any number of points (n, 3), in blocks that bound the memory."""
+def transform_in_blocks(motion: SimilarityField, points: Floats, normals: Floats) -> tuple[Floats, Floats, Floats]:
+    """`SimilarityField.transform` for any number of points (n, 3), in blocks that bound the memory."""
     pieces = np.array_split(np.arange(len(points)), 1 + len(points) // AT_ONCE)
-    places, turned, confidence = zip(*(motion.carry(points[some], normals[some]) for some in pieces), strict=True)
+    places, turned, confidence = zip(*(motion.transform(points[some], normals[some]) for some in pieces), strict=True)
     return np.concatenate(places), np.concatenate(turned), np.concatenate(confidence)
 
 

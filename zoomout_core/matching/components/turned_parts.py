@@ -37,7 +37,7 @@ class TurnedPartTuning(Tuning, set_by="characters"):
 TURNED_PARTS = TurnedPartTuning()
 
 
-def carry_turned(
+def register_turned_parts(
     pair: Pair,
     motion: SimilarityField,
     source: Side,

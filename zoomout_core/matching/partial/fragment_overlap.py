@@ -1,18 +1,18 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How much alike two fragments are where a registered one overlaps the other.
+"""The cost of a registered fragment by the area that it shares with the other one.
 
-Fragments may share any part of their area, so a large overlap is no evidence for a map: a right one may leave most of a
-fragment beyond a cut. What counts is that the shared area looks alike, before and after one fragment is bent to the
-other.
+Two fragments may share any part of their area, so a large overlap is no evidence: a right map may leave most of a
+fragment beyond a cut. The evidence is how much alike the fragments are where they overlap, by the areas around places
+and by their curvature.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
+from zoomout_core.arrays import Booleans
 from zoomout_core.matching.partial.part_registration import RegisteredPart
 from zoomout_core.matching.partial.region import Region
 from zoomout_core.matching.ranking.scores import correlation
@@ -27,42 +27,56 @@ class FragmentOverlapTuning(Tuning, set_by="official"):
     out, the right map is the first of about 20 for 13 of 19 pairs that have one, and for 9 by the fit of a part alone.
     """
 
-    residual: float = tuned(0.05, "length", 0, 10)  # farthest from the other fragment that a place overlaps it
-    agreement: float = tuned(0.5, "1", -1, 1)  # minimum cosine between normals of places that overlap
+    residual: float = tuned(0.05, "length", 0, 10)  # maximum distance between surfaces that overlap
+    agreement: float = tuned(0.5, "1", -1, 1)  # minimum cosine between their normals
     unlikeness: float = tuned(1.2, "1", 0, 100)  # weight of the log mean unlikeness of places and their images
     curvature: float = tuned(1.5, "1", 0, 100)  # weight of the correlation of curvature
-    # Weight of the log share of the fragment that is not beyond a cut. The fit has the weight 1, which prefers wrong
-    # maps with a large overlap; with no weight, a limb that touches the other fragment with its tip fits too well.
+    # Weight of the log share of the fragment that is not beyond a cut. The weight 1 of the fit of a part prefers wrong
+    # maps with a large overlap. Without any, a limb fits too well that touches the other fragment with its tip.
     within: float = tuned(0.5, "1", 0, 100)
 
 
 FRAGMENT_OVERLAP = FragmentOverlapTuning()
-# Name of the cost of a registered fragment: the lowest is the most likely.
-OVERLAP = "overlap"
-# The unlikeness of meshes of one surface, which the logarithm ignores.
+# Name of the score that orders maps of fragments: the lowest is the most likely.
+OVERLAP_COST = "overlap"
+# Added to the unlikeness, which vanishes between two meshes of one surface; a hundredth of its largest value.
 UNLIKENESS_FLOOR = 0.01
+# Minimum share of the fragment that is not beyond a cut, in the logarithm.
+MIN_SHARE = 1e-3
+# Only the coarsest scale of curvature is compared: details differ between species.
+COARSEST = slice(0, 1)
 
 
-def overlap_cost(registered: RegisteredPart, region: Region, scores: Mapping[str, float], share_weight: float) -> float:
-    """The cost of a registered fragment, by its `scores` as a part, corrected by the overlap.
+def overlap_cost(registered: RegisteredPart, region: Region) -> float:
+    """The cost of a registered fragment by its overlap, beside the cost of its deformation; the lowest is the best.
 
-    The `scores` have a fit that rewards the log share that is not beyond a cut with `share_weight`.
+    Without an overlap, the fragments are as unlike as any.
     """
+    areas = region.part.shape.basis.areas
+    share = max(float(areas @ ~registered.on_cut / areas.sum()), MIN_SHARE)
+    overlaps = registered.is_near & ~registered.on_cut & (registered.residual < FRAGMENT_OVERLAP.residual)
+    overlaps &= registered.agreement > FRAGMENT_OVERLAP.agreement
+    cost = FRAGMENT_OVERLAP.unlikeness * np.log(_unlikeness(registered, region, overlaps) + UNLIKENESS_FLOOR)
+    cost -= FRAGMENT_OVERLAP.curvature * _curvature_correlation(registered, region, overlaps)
+    return float(cost - FRAGMENT_OVERLAP.within * np.log(share))
+
+
+def _unlikeness(registered: RegisteredPart, region: Region, overlaps: Booleans) -> float:
+    """The mean unlikeness of places and their images, in [0, 1], where vertices (n,) overlap."""
     part, whole = region.part.shape, region.whole.shape
-    overlaps = (registered.residual < FRAGMENT_OVERLAP.residual) & (registered.agreement > FRAGMENT_OVERLAP.agreement)
-    overlaps &= registered.is_near & ~registered.on_cut
-    share = max(1 - scores["beyond"], 1e-3)
-    cost = scores["fit"] + (share_weight - FRAGMENT_OVERLAP.within) * np.log(share)
     at = part.search.samples[: len(region.part.between)]
     weights = region.part.areas * overlaps[at]
-    unlike, alike = 1.0, 0.0
-    if weights.any():
-        images = whole.voronoi_cell[registered.closest.vertex[at]]
-        unlike = np.average(region.unlike[np.arange(len(at)), images], weights=weights)
-        areas = part.basis.areas * overlaps
-        # Only the coarsest scale counts: details differ between species.
-        coarsest = slice(0, 1)
-        curvature = registered.closest.interpolate(whole.vertex_curvature[:, coarsest])
-        alike = correlation(part.vertex_curvature[:, coarsest], curvature, areas / areas.sum())
-    cost += FRAGMENT_OVERLAP.unlikeness * np.log(unlike + UNLIKENESS_FLOOR)
-    return float(cost - FRAGMENT_OVERLAP.curvature * alike)
+    if not weights.any():
+        return 1.0
+    images = whole.voronoi_cell[registered.closest.vertex[at]]
+    return float(np.average(region.unlike[np.arange(len(at)), images], weights=weights))
+
+
+def _curvature_correlation(registered: RegisteredPart, region: Region, overlaps: Booleans) -> float:
+    """The correlation between the curvature of vertices and that of their images, where vertices (n,) overlap."""
+    part, whole = region.part.shape, region.whole.shape
+    areas = part.basis.areas * overlaps
+    if not areas.any():
+        return 0.0
+    there = registered.closest.interpolate(whole.vertex_curvature[:, COARSEST])
+    return float(correlation(part.vertex_curvature[:, COARSEST], there, areas / areas.sum()))

@@ -12,7 +12,7 @@ import numpy as np
 
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.geometry.procrustes import Moments, products
-from zoomout_core.matching.partial.fragment_overlap import OVERLAP, overlap_cost
+from zoomout_core.matching.partial.fragment_overlap import OVERLAP_COST, overlap_cost
 from zoomout_core.matching.partial.incomplete_shape import IncompleteShape
 from zoomout_core.matching.partial.landmark_maps import place_all, place_few
 from zoomout_core.matching.partial.landmark_search import SEARCH, assignments, distinct, landmarks_of
@@ -69,8 +69,8 @@ class PartCandidate:
 
     @property
     def cost(self) -> float:
-        """Cost that orders registered parts, the lowest first: of the overlap of two fragments, otherwise of the fit."""
-        return self.scores.get(OVERLAP, self.scores["fit"])
+        """The cost by which registered parts are ordered, the lowest first: the fit, or that of two fragments."""
+        return self.scores.get(OVERLAP_COST, self.scores["fit"])
 
 
 class _Found(NamedTuple):
@@ -92,12 +92,12 @@ def part_candidates(
 
     Each of two fragments has regions that the other one lacks, so that few landmarks have a partner. So fragments are
     placed rigidly, too. Costs of the two searches are not comparable, so the best maps of each are registered again and
-    compared by fit. Fragments may be likely to stand `upright` in their files.
+    compared by their cost. Fragments may be likely to stand `upright` in their files.
     Maps from elsewhere compete: `given` are places of the whole (d_p,) for each place of the part.
     """
-    part, whole, is_small = regions[0].part, regions[0].whole, not regions[0].is_everywhere
-    sets = landmark_sets(part, PART_CANDIDATES.regions_of_small if is_small else PART_CANDIDATES.regions)
-    if is_small or not (part.is_fragment and whole.is_fragment):
+    is_small = not regions[0].is_everywhere
+    sets = landmark_sets(regions[0].part, PART_CANDIDATES.regions_of_small if is_small else PART_CANDIDATES.regions)
+    if not regions[0].is_between_fragments:
         return _fine_candidates(regions, sets, given=() if is_small else given)
     with portion(0.0, 0.4):
         by_landmarks = _fine_candidates(regions, sets, given=given)
@@ -107,12 +107,12 @@ def part_candidates(
     most = PART_CANDIDATES.registered_again
     with portion(0.8, 1.0):
         again = for_each(_register, by_landmarks[:most] + placed[:most])
-    found = _by_fit(again + by_landmarks[most:] + placed[most:], upright)
+    found = _by_cost(again + by_landmarks[most:] + placed[most:], upright)
     return _differing(found, len(found))
 
 
-def _by_fit(candidates: Sequence[PartCandidate], upright: bool = False) -> list[PartCandidate]:
-    """Candidates by their fit, and by the rotation of the up axis if that is evidence."""
+def _by_cost(candidates: Sequence[PartCandidate], upright: bool = False) -> list[PartCandidate]:
+    """Candidates by their cost, and by the rotation of the up axis if that is evidence."""
 
     def cost(one: PartCandidate) -> float:
         return one.cost + (EVIDENCE_WEIGHTS[UPRIGHT] * one.scores[UPRIGHT] if upright else 0.0)
@@ -130,7 +130,7 @@ def _fine_candidates(
         rough = rough_candidates(regions, sets, PART_CANDIDATES.registered, given)
     ahead = _differing(rough, PART_CANDIDATES.compared)  # some are the same by now
     with portion(0.8, 1.0):
-        return _by_fit(for_each(_register, ahead))
+        return _by_cost(for_each(_register, ahead))
 
 
 def _placed_candidates(region: Region, upright: bool) -> list[PartCandidate]:
@@ -139,9 +139,9 @@ def _placed_candidates(region: Region, upright: bool) -> list[PartCandidate]:
         placements = rigid_placements(region.part, region.whole, upright)
     found = [_Found(_map_cost(one.places, region), region, one.places, one.positions) for one in placements]
     with portion(0.4, 0.8):
-        sifted = _by_fit(for_each(_register, found), upright)
+        sifted = _by_cost(for_each(_register, found), upright)
     with portion(0.8, 1.0):
-        return _by_fit(for_each(_register, _differing(sifted, PART_CANDIDATES.compared)), upright)
+        return _by_cost(for_each(_register, _differing(sifted, PART_CANDIDATES.compared)), upright)
 
 
 def rough_candidates(
@@ -168,7 +168,7 @@ def rough_candidates(
     others = [_Found(_map_cost(places, regions[0]), regions[0], places) for places in given]
     ahead = _differing([*others, *_differing(found, max_count)], len(found) + len(others))
     with portion(0.5, 1.0):
-        return _by_fit(for_each(_register, ahead))
+        return _by_cost(for_each(_register, ahead))
 
 
 def _differing(maps: Sequence[_Map], max_count: int) -> list[_Map]:
@@ -252,10 +252,7 @@ def _register(one: _Found | PartCandidate) -> PartCandidate:
     registered = register_part(one.places, part, whole, levels, start)
     at = part.shape.search.samples[: len(part.between)]
     places = whole.shape.voronoi_cell[registered.closest.vertex[at]]
-    scores = scores | _fit(registered, part)
-    if one.region.is_everywhere and part.is_fragment and whole.is_fragment:
-        scores |= {OVERLAP: overlap_cost(registered, one.region, scores, PART_CANDIDATES.beyond)}
-    return PartCandidate(one.region, places, registered, scores, one.start)
+    return PartCandidate(one.region, places, registered, scores | _scores(registered, one.region), one.start)
 
 
 def register_places(places: Integers, region: Region) -> PartCandidate:
@@ -263,15 +260,19 @@ def register_places(places: Integers, region: Region) -> PartCandidate:
     return _register(_register(_Found(_map_cost(places, region), region, places)))
 
 
-def _fit(registered: RegisteredPart, part: IncompleteShape) -> dict[str, float]:
+def _scores(registered: RegisteredPart, region: Region) -> dict[str, float]:
     """The scores of a registered part, its fit (the lowest is the most likely), and its area on the whole.
 
+    Two fragments also have a cost in which their overlap replaces the share of the part that is not beyond a cut.
     As evidence on the up direction, one minus the mean cosine between an axis along which shapes stand and its image.
     """
-    areas = part.shape.basis.areas
+    areas = region.part.shape.basis.areas
     scores = registered.scores(areas)
-    fit = np.log(scores["normals"] + 0.01) + PART_CANDIDATES.strain * np.log(scores["strain"] + 0.02)
-    fit -= PART_CANDIDATES.beyond * np.log(max(1 - scores["beyond"], 1e-3))
+    deformation = np.log(scores["normals"] + 0.01) + PART_CANDIDATES.strain * np.log(scores["strain"] + 0.02)
+    fit = deformation - PART_CANDIDATES.beyond * np.log(max(1 - scores["beyond"], 1e-3))
     kept_up = (areas @ registered.rotations[:, UP_AXES, UP_AXES]).max() / areas.sum()
     extent = areas.sum() * (1 - scores["beyond"])
-    return scores | {"fit": float(fit), "extent": float(extent), UPRIGHT: float(1 - kept_up)}
+    scores |= {"fit": float(fit), "extent": float(extent), UPRIGHT: float(1 - kept_up)}
+    if region.is_between_fragments:
+        scores |= {OVERLAP_COST: float(deformation + overlap_cost(registered, region))}
+    return scores

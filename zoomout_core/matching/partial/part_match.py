@@ -55,10 +55,10 @@ class PartMatchTuning(Tuning, set_by="partial"):
     finished_margin: float = tuned(0.5, "1", 0, 100)
     near_cut: float = tuned(0.05, "length", 0, 10)  # a part may end where one of its cuts is nearer
     # Two fragments share the area within this distance of each other, except where it is nearest to a cut, smoothed by
-    # this diffusion length. On 17 right maps of 20 pairs of cut animals, the mean IoU with the area that they share
+    # a diffusion length. On 17 right maps of 20 pairs of cut animals, the mean IoU with the area that they share
     # rises from .63 to .69.
     residual_of_fragments: float = tuned(0.06, "length", 0, 10)
-    smooth_overlap: float = tuned(0.03, "length", 0, 1)
+    smooth_overlap: float = tuned(0.03, "length", 0, 1)  # see `residual_of_fragments`
 
 
 PART_MATCH = PartMatchTuning()
@@ -132,7 +132,7 @@ def match_part(
         found = part_candidates(regions, given, upright)
     candidates = sorted((_candidate(one, pair, disagreement, upright) for one in found), key=_total)
     # Fragments of other species differ in curvature, which costs 3 of 59 % of mIoU (16 pairs of PARTIALSMAL).
-    if regions[0].is_everywhere and not are_fragments(pair):
+    if regions[0].is_everywhere and not regions[0].is_between_fragments:
         with portion(0.9, 1.0):
             candidates = _by_curvature(candidates, pair)
     return [replace(each, certainty=certainty_of_part(each, candidates)) for each in candidates]
@@ -201,13 +201,12 @@ def fit_part(pair: Pair, candidate: Candidate) -> PartFit:
     one = candidate.part_match
     region = one.region
     in_region = one.finished if one.finished is not None else _register_finally(one, pair)
-    registered = region.carry(in_region)
-    between_fragments = region.is_everywhere and are_fragments(pair)
-    residual = PART_MATCH.residual_of_fragments if between_fragments else PART_MATCH.residual * region.unit
+    registered = region.to_whole(in_region)
+    residual = PART_MATCH.residual_of_fragments if region.is_between_fragments else PART_MATCH.residual * region.unit
     of_part = (registered.residual < residual) & (registered.agreement > 0) & registered.is_near
     on_part, of_whole = _on_part(registered, part, whole, residual)
     of_whole &= region.contains
-    if between_fragments:
+    if region.is_between_fragments:
         on_cut = region.part.cut_distance_of_vertices[on_part.vertex] == 0
         of_part, of_whole = _majority(of_part & ~registered.on_cut, part), _majority(of_whole & ~on_cut, whole)
     if part is pair.target_shape:
@@ -226,7 +225,7 @@ def _register_finally(one: PartCandidate, pair: Pair) -> RegisteredPart:
     """The part of a pair, registered with its region for the final map."""
     region, start = one.region, None
     schedule: Sequence[Level] = NONRIGID_SCHEDULE
-    if region.is_everywhere and are_fragments(pair):
+    if region.is_between_fragments:
         start = one.registered.positions if one.start is None else one.start
         schedule = FRAGMENT_SCHEDULE if one.start is None else (*PLACED_SCHEDULE, *FRAGMENT_SCHEDULE)
     return register_part(one.places, region.part, region.whole, schedule, start)
@@ -247,7 +246,7 @@ def _candidate(one: PartCandidate, pair: Pair, disagreement: Disagreement, uprig
     """The map of a part as a candidate of the pair; its certainty is computed once all rivals are known."""
     source, target = pair.source_shape, pair.target_shape
     part, whole = part_of(pair)
-    bent = one.region.carry(one.registered).positions[part.search.samples]
+    bent = one.region.to_whole(one.registered).positions[part.search.samples]
     still = whole.mesh.vertices[whole.search.samples]
     from_target, onto_source = (still, bent) if part is source else (bent, still)
     sample_map = np.asarray(cKDTree(onto_source).query(from_target)[1])

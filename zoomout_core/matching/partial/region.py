@@ -72,6 +72,11 @@ class Region:
         return self.vertex is None
 
     @property
+    def is_between_fragments(self) -> bool:
+        """Whether large pieces may be missing on both shapes, and no smaller region of the whole is compared."""
+        return self.is_everywhere and self.part.is_fragment and self.whole.is_fragment
+
+    @property
     def unit(self) -> float:
         """Its unit of length, in that of the pair."""
         return self.part.shape.proxy.full.scale / self.of_part.proxy.full.scale
@@ -93,7 +98,7 @@ class Region:
         """(q, 3) points given in the frame of the region, in that of the whole in the pair."""
         return self.of_whole.proxy.from_surface(self.whole.shape.proxy.to_surface(points))
 
-    def carry(self, registered: RegisteredPart) -> RegisteredPart:
+    def to_whole(self, registered: RegisteredPart) -> RegisteredPart:
         """A part that is bent onto the region, bent onto the whole, on the meshes and in the unit of the pair."""
         if self.vertex is None:
             return registered

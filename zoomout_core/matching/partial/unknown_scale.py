@@ -68,7 +68,7 @@ class UnknownScaleTuning(Tuning, set_by="partial"):
     # Certainty of the rough place of one of two fragments below which no scale is fitted: a smaller part fits anywhere.
     # On seven pairs of animals three maps were likely, with 0.36, 0.91 and 0.95; lost pairs have at most 0.12.
     min_of_fragments: float = tuned(0.15, "probability", 0, 1)
-    one_unit: float = tuned(1.25, "1", 1, 100)  # units are the same up to this factor between their scales
+    one_unit: float = tuned(1.25, "1", 1, 100)  # scales of one unit differ by at most this factor
 
 
 UNKNOWN_SCALE = UnknownScaleTuning()
@@ -81,7 +81,8 @@ def match_at_unknown_scale(
 
     Parts as small as hands are only searched for if neither a larger part nor the map found before, by its `certainty`,
     is likely. Returns the pair in one unit, in which the larger shape has unit area, and its candidates by certainty.
-    None if neither shape is a fragment, or if two fragments overlap nowhere on enough area for a likely map.
+    None if neither shape is a fragment, or if two fragments overlap nowhere on enough area for a likely map. Two
+    fragments are not searched for again in the units of their files.
     """
     shapes = [at_scale(shape, shape.basis.areas.sum() ** -0.5) for shape in (pair.source_shape, pair.target_shape)]
     parts = [number for number, shape in enumerate(shapes) if IncompleteShape(shape).is_fragment]
@@ -95,12 +96,16 @@ def match_at_unknown_scale(
         in_unit = replace(pair, source_shape=source, target_shape=target)
         return in_unit, match_part(in_unit, disagreement(in_unit), given)
 
-    min_scale = UNKNOWN_SCALE.of_fragments if len(parts) > 1 else 0.0
-    scales = [scale for scale in UNKNOWN_SCALE.scales if scale >= min_scale]
     found = []
     for step, part in enumerate(parts):
+        known = _scale_in_files(pair, part) if len(parts) > 1 else None
         with portion(0.4 * step / len(parts), 0.4 * (step + 1) / len(parts)):
-            found.append((rough_places(shapes[part], shapes[1 - part], scales), part))
+            places = rough_places(shapes[part], shapes[1 - part], _scales_to_try(known))
+        places = [one for one in places if _is_other_unit(one.scale, known)]
+        if places:
+            found.append((places, part))
+    if not found:
+        return None
     places, part = max(found, key=lambda one: one[0][0].certainty)
     if len(parts) > 1 and places[0].certainty < UNKNOWN_SCALE.min_of_fragments:
         return None
@@ -120,6 +125,26 @@ def match_at_unknown_scale(
     return best
 
 
+def _scale_in_files(pair: Pair, part: int) -> float:
+    """The scale of the source (0) or target (1), with the other shape at unit area, in the units of their files."""
+    lengths = [
+        shape.proxy.full.scale * float(np.sqrt(shape.basis.areas.sum()))
+        for shape in (pair.source_shape, pair.target_shape)
+    ]
+    return lengths[part] / lengths[1 - part]
+
+
+def _is_other_unit(scale: float, known: float | None) -> bool:
+    """Whether a scale is in another unit than a known one, if any, that has been tried."""
+    return known is None or abs(np.log(scale / known)) > np.log(UNKNOWN_SCALE.one_unit)
+
+
+def _scales_to_try(known: float | None) -> list[float]:
+    """Scales of a part, or large ones of one of two fragments, whose scale in the units of their files is known."""
+    min_scale = 0.0 if known is None else UNKNOWN_SCALE.of_fragments
+    return [each for each in UNKNOWN_SCALE.scales if each >= min_scale and _is_other_unit(each, known)]
+
+
 @dataclass(frozen=True, eq=False)
 class RoughPlace:
     """A part's rough place on a whole of unit area."""
@@ -136,6 +161,8 @@ def rough_places(part: ShapeAnalysis, whole: ShapeAnalysis, scales: Sequence[flo
     The scales do not compete at first, because every map seems better in a smaller unit. Scales with the most certain
     maps are fitted to these maps, and compared once the part is finely registered.
     """
+    if not scales:
+        return []
     there, sets = IncompleteShape(whole), landmark_sets(_incomplete(part, scales[0]), UNKNOWN_SCALE.regions)
     _ = there.unaffected  # computed once, before several threads need it
 

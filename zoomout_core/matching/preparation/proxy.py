@@ -132,6 +132,6 @@ def make_proxy(part: WorkingMesh, count: int | None) -> Proxy:
     return Proxy(part, mesh, vertices, merged)
 
 
-def carry(between: SurfaceMap, source: Proxy, target: Proxy) -> Floats:
+def full_images(between: SurfaceMap, source: Proxy, target: Proxy) -> Floats:
     """(n_full, 3) images of the target part's vertices by a map between proxies, on the source's proxy."""
     return target.place.interpolate(between.interpolate(source.vertices))

@@ -21,7 +21,7 @@ from zoomout_core.arrays import Booleans, Floats, Integers, any_in_row
 from zoomout_core.geometry.procrustes import nearest_rotations
 from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
-from zoomout_core.matching.preparation.proxy import Proxy, carry
+from zoomout_core.matching.preparation.proxy import Proxy, full_images
 from zoomout_core.matching.refinement.confidence import spectral_distance
 from zoomout_core.matching.refinement.local_rigid_alignment import RIGID_ALIGNMENT, align
 from zoomout_core.matching.registration.correspondences import (
@@ -188,7 +188,7 @@ def lift_fit(fit: Fit, source: Proxy, target: Proxy, in_space: Floats) -> Surfac
     """
     if source.mesh is source.full and target.mesh is target.full and not fit.fits.any():
         return fit.surface_map
-    place, images = target.place, carry(fit.surface_map, source, target)
+    place, images = target.place, full_images(fit.surface_map, source, target)
     fits = at_all(fit.fits, target.mesh.triangles)[place.triangle]
     on = SurfaceMap(place.triangle[fits], place.barycentric[fits], place.source_triangles)
     (centre, size), (image_centre, image_size) = target.frame, source.frame

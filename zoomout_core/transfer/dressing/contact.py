@@ -25,7 +25,7 @@ PUSHED = 6.0
 TURNING = 1e-9
 
 
-class _Bounds:
+class _BarrierBounds:
     """Places that must stay on their side of a barrier. They are tested again only if they may have come too close.
 
     Args:
@@ -96,11 +96,11 @@ class _Side(NamedTuple):
         some = chosen[self.which]
         return self._replace(which=self.which[some], off=self.off[some])
 
-    def bounds(self, barrier: SidedSurface, growth: Floats, margins: Margins, now: Floats) -> _Bounds:
+    def bounds(self, barrier: SidedSurface, growth: Floats, margins: Margins, now: Floats) -> _BarrierBounds:
         """Their bounds beside the barrier after the change, for all places (p, 3) with their growth (p,)."""
         smallest, largest = (0.0, CONTACT.max_margin) if self.is_layer else margins
         margin = np.clip(self.off * growth[self.which], smallest, largest)
-        return _Bounds(barrier, self.is_layer, self.which, margin, now[self.which])
+        return _BarrierBounds(barrier, self.is_layer, self.which, margin, now[self.which])
 
 
 class Contact:

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.sparse import coo_array, csc_array, diags_array
 
 from zoomout_core.arrays import Booleans, Floats, Integers
+from zoomout_core.geometry.gradients import turn_gradients
 from zoomout_core.geometry.procrustes import procrustes
 from zoomout_core.geometry.screened_smoothing import ScreenedSmoothing
 from zoomout_core.mesh.triangles import unique_edges
@@ -17,7 +18,6 @@ from zoomout_core.transfer.dressing.following import Following, Motion
 from zoomout_core.transfer.dressing.form import Form
 from zoomout_core.transfer.dressing.kept_parts import KeptParts
 from zoomout_core.transfer.dressing.solid_parts import solid_parts, touching_points, with_solid_parts
-from zoomout_core.transfer.gradients import turn_gradients
 from zoomout_core.tuning import Tuning, tuned
 
 # Ways to fit objects: soft ones keep their form according to their stiffness, rigid ones rotate and scale as a whole.

@@ -66,15 +66,15 @@ class Form:
     keep: Floats  # (n,) weight with which each point keeps its place in the form around it, in [0, 1]
 
     @classmethod
-    def of(cls, carried: Surface | Lines, unit: float, keep: Floats | None = None) -> Form:
+    def of(cls, worn: Surface | Lines, unit: float, keep: Floats | None = None) -> Form:
         """Make the form of a surface or of lines, in a unit, with a mask (n_v,) of its vertices; zero if not given."""
-        places = carried.vertices / unit
+        places = worn.vertices / unit
         mask = np.zeros(len(places)) if keep is None else keep
-        if isinstance(carried, Lines):
-            return cls(places, np.arange(len(places)), places, *_of_lines(places, carried.edges), mask)
-        working = carried.working
+        if isinstance(worn, Lines):
+            return cls(places, np.arange(len(places)), places, *_of_lines(places, worn.edges), mask)
+        working = worn.working
         stiffness, areas = mesh_laplacian(working.vertices, working.triangles)
-        rest, areas = working.to_surface(working.vertices) / unit, areas * carried.area / unit**2
+        rest, areas = working.to_surface(working.vertices) / unit, areas * worn.area / unit**2
         corners, component = working.oriented_triangles, working.component
         number, of_points = working.vertex_of, np.zeros(len(rest))
         np.maximum.at(of_points, number[number >= 0], mask[number >= 0])
@@ -114,18 +114,18 @@ def place_worn(worn: Sequence[Surface | Lines]) -> list[Surface | Lines]:
     return [place_unused(each) if isinstance(each, Surface) else each for each in worn]
 
 
-def read_masks(carried: Sequence[Surface | Lines], keep: Sequence[ArrayLike | None] | None) -> list[Floats | None]:
+def read_masks(worn: Sequence[Surface | Lines], keep: Sequence[ArrayLike | None] | None) -> list[Floats | None]:
     """For each object the weights (n_v,) of its vertices that keep their form; None without any.
 
     Raises:
         ValueError: their number or a length does not match the objects, or some are not in [0, 1].
     """
     if keep is None:
-        return [None] * len(carried)
-    if len(keep) != len(carried):
-        raise ValueError(f"keep has {len(keep)} masks: give one, or None, for each of the {len(carried)} objects.")
+        return [None] * len(worn)
+    if len(keep) != len(worn):
+        raise ValueError(f"keep has {len(keep)} masks: give one, or None, for each of the {len(worn)} objects.")
     masks = [None if mask is None else np.asarray(mask, dtype=np.float64) for mask in keep]
-    for each, mask in zip(carried, masks, strict=True):
+    for each, mask in zip(worn, masks, strict=True):
         if mask is not None and (mask.shape != each.vertices.shape[:1] or not ((mask >= 0) & (mask <= 1)).all()):
             raise ValueError(
                 f"a mask in keep has the shape {mask.shape}, or numbers out of range: give ({len(each.vertices)},) "

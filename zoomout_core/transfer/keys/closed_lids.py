@@ -14,11 +14,11 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from zoomout_core.arrays import Booleans, Floats, Integers, row_norms
+from zoomout_core.geometry.gradients import without_sums
 from zoomout_core.geometry.screened_smoothing import ScreenedSmoothing
 from zoomout_core.mesh.triangles import unit_vectors, vertex_areas
 from zoomout_core.transfer.attribute import Attribute
 from zoomout_core.transfer.frames import Frames, on_working_mesh
-from zoomout_core.transfer.gradients import without_sums
 from zoomout_core.transfer.keys.face_landmarks import (
     BLINK_LEFT,
     BLINK_RIGHT,
@@ -101,7 +101,7 @@ class _Lids:
         return np.where(self.moves, extended[nearest], 0)
 
 
-def close_lids(carried: Floats, keys: Attribute, face: FaceSlits, frames: Frames) -> tuple[str, ...]:
+def close_lids(transferred: Floats, keys: Attribute, face: FaceSlits, frames: Frames) -> tuple[str, ...]:
     """Close lids of a target under its keys (n_t, keys, 3), which change in place, by those of the source's face.
 
     Returns:
@@ -117,7 +117,7 @@ def close_lids(carried: Floats, keys: Attribute, face: FaceSlits, frames: Frames
         name = find_keys(keys, KEYS[use])[0]  # in no convention is a blink of one eye a sum of keys
         column = keys.labels.index(name)
         lids = _Lids.of(np.asarray(keys.values[:, column], dtype=np.float64), rim, size, frames)
-        if _close(carried[:, column], lids, size) > MAX_GAP * size:
+        if _close(transferred[:, column], lids, size) > MAX_GAP * size:
             still_open.append(name)
     return tuple(still_open)
 

@@ -39,7 +39,7 @@ class _RigidParts:
     components: list[int]  # the parts' numbers
 
 
-def move_rigid_parts(carried: Floats, offsets: Floats, frames: Frames, other_person: float) -> None:
+def move_rigid_parts(transferred: Floats, offsets: Floats, frames: Frames, other_person: float) -> None:
     """Replace the offsets (n_t, keys, 3) of rigid parts of the target, in place, by rigid motions.
 
     Takes the offsets (n_s, keys, 3) of the source. Motions are rotated and scaled by the common frame of all parts if
@@ -64,7 +64,7 @@ def move_rigid_parts(carried: Floats, offsets: Floats, frames: Frames, other_per
         turn = turn / np.cbrt(abs(np.linalg.det(turn))) ** other_person
         before = frames.mapped.points[vertices].mean(axis=0) + (places - centre) @ np.linalg.inv(turn).T
         moved = rigid.moved[:, None, None] * (rigid.motions(before) - before) @ turn.T
-        carried[vertices] = np.moveaxis(moved, 0, 1)
+        transferred[vertices] = np.moveaxis(moved, 0, 1)
 
 
 def _partners(frames: Frames) -> Integers:

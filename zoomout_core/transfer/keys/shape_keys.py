@@ -19,14 +19,18 @@ import numpy as np
 from scipy.sparse import bsr_array, csc_array, csr_array
 
 from zoomout_core.arrays import Booleans, Floats, row_norms
-from zoomout_core.geometry.gradients import divergence_matrices, gradient_matrices
+from zoomout_core.geometry.gradients import (
+    divergence_matrices,
+    gradient_matrices,
+    turn_gradients,
+    without_sums,
+)
 from zoomout_core.geometry.procrustes import SMALLEST
 from zoomout_core.geometry.screened_smoothing import ScreenedSmoothing
 from zoomout_core.messages import message, plural, warning
 from zoomout_core.runtime.threads import for_each
 from zoomout_core.transfer.attribute import Attribute
 from zoomout_core.transfer.frames import FULL_CONFIDENCE, MIN_TRUST, Frames, frames_of, frames_on, on_working_mesh
-from zoomout_core.transfer.gradients import turn_gradients, without_sums
 from zoomout_core.transfer.keys.closed_lids import close_lids
 from zoomout_core.transfer.keys.face_landmarks import find_expressions, find_slits
 from zoomout_core.transfer.keys.face_registration import register_face
@@ -72,7 +76,7 @@ JOINED_LIPS = (
 )
 
 
-def carry_offsets(attribute: Attribute, mapped: MappedTarget) -> Attribute:
+def transfer_offsets(attribute: Attribute, mapped: MappedTarget) -> Attribute:
     """Transfer offsets (n_s, keys, 3) of vertices, in the space of the surfaces.
 
     The source's vertices must be those before keys: the rest shape, if the source is posed after keys are applied.
@@ -86,32 +90,32 @@ def carry_offsets(attribute: Attribute, mapped: MappedTarget) -> Attribute:
         mapped = register_face(offsets, expressions, mapped)
     moved = mapped.surface_map.interpolate(offsets.any(axis=(1, 2)).astype(np.float64)) > 0
     doubtful = mapped.confidence < FULL_CONFIDENCE
-    carried = np.zeros((len(doubtful), *offsets.shape[1:]), dtype=offsets.dtype)
+    transferred = np.zeros((len(doubtful), *offsets.shape[1:]), dtype=offsets.dtype)
     if not moved.any():
-        return replace(attribute, values=carried)
+        return replace(attribute, values=transferred)
     is_face = expressions is not None and _are_near_eyes(offsets, expressions, mapped.source.vertices)
     frames = frames_on(mapped, moved | doubtful, is_face)
-    carrier = _Carrier.of(frames)
+    system = _OffsetTransfer.of(frames)
     other_person = 0.0 if expressions is None else frames.other_person
     growth = frames.growth**other_person
 
-    def carry(first: int) -> None:
+    def transfer_some(first: int) -> None:
         some = slice(first, first + KEYS_AT_ONCE)
-        carried[:, some] = carrier.carry(offsets[:, some].astype(np.float64) / growth)
+        transferred[:, some] = system.transfer(offsets[:, some].astype(np.float64) / growth)
 
-    for_each(carry, range(0, offsets.shape[1], KEYS_AT_ONCE))
+    for_each(transfer_some, range(0, offsets.shape[1], KEYS_AT_ONCE))
     face = None if expressions is None else find_slits(mapped.source, attribute)
-    open_blinks = () if face is None else close_lids(carried, attribute, face, frames)
-    move_rigid_parts(carried, offsets, frames, other_person)
+    open_blinks = () if face is None else close_lids(transferred, attribute, face, frames)
+    move_rigid_parts(transferred, offsets, frames, other_person)
     if mapped.has_partner is not None:
         lacking = ~mapped.has_partner
-        carried[lacking] *= _fade_in(carried)[lacking, :, None]
-    notes = attribute.notes + _note_on_doubts(carried, doubtful)
+        transferred[lacking] *= _fade_in(transferred)[lacking, :, None]
+    notes = attribute.notes + _note_on_doubts(transferred, doubtful)
     if open_blinks:
         notes += (message("Eyelids close less than on the source: {keys}.", keys=", ".join(open_blinks)),)
     if expressions is not None and face is not None and has_joined_lips(expressions[-1], face, mapped):
         notes += (warning(JOINED_LIPS),)
-    return replace(attribute, values=carried, notes=notes)
+    return replace(attribute, values=transferred, notes=notes)
 
 
 def conform_target(mapped: MappedTarget) -> Floats:
@@ -164,7 +168,7 @@ def _are_near_eyes(offsets: Floats, expressions: list[Floats], vertices: Floats)
 
 
 @dataclass(frozen=True, eq=False)
-class _Carrier:
+class _OffsetTransfer:
     """Data shared by all keys: the system for the offsets of n vertices of the target's working mesh."""
 
     frames: Frames
@@ -175,7 +179,7 @@ class _Carrier:
     smoothing: ScreenedSmoothing
 
     @classmethod
-    def of(cls, frames: Frames) -> _Carrier:
+    def of(cls, frames: Frames) -> _OffsetTransfer:
         """Prepare the system for a target with the given frames.
 
         An edge p_i - p_j of the target, with the image q_i - q_j, has the difference of offsets
@@ -208,7 +212,7 @@ class _Carrier:
             ),
         )
 
-    def carry(self, offsets: Floats) -> Floats:
+    def transfer(self, offsets: Floats) -> Floats:
         """Offsets (n_t, keys, 3) of the target's vertices, from those (n_s, keys, 3) of the source's."""
         frames, target = self.frames, self.frames.mapped.target
         turns = frames.steady_turns.transpose(0, 2, 1)
@@ -220,11 +224,11 @@ class _Carrier:
         motion[frames.number] = solved * (here.any(axis=2) | (frames.trust < 1)[:, None])[:, :, None]
 
         number = target.working.vertex_of
-        carried = motion[number]
+        transferred = motion[number]
         loose = np.flatnonzero(number < 0)
         if len(loose):
-            carried[loose] = plain[loose] @ turns[frames.nearest(target.vertices[loose])]
-        return without_noise(carried, target.area)
+            transferred[loose] = plain[loose] @ turns[frames.nearest(target.vertices[loose])]
+        return without_noise(transferred, target.area)
 
     def _divergence_of_differences(self, here: Floats) -> Floats:
         """The divergence (n, 3 keys) of the differences between neighbours' offsets (n, keys, 3)."""

@@ -14,13 +14,13 @@ import numpy as np
 from scipy.sparse import csc_array, diags_array
 
 from zoomout_core.arrays import Booleans, Floats
+from zoomout_core.geometry.gradients import turn_gradients, without_sums
 from zoomout_core.geometry.procrustes import nearest_rotations
 from zoomout_core.geometry.screened_smoothing import ScreenedSmoothing
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import unique_edges
 from zoomout_core.spectral.laplacian import mesh_laplacian
 from zoomout_core.transfer.frames import FRAMES, FULL_CONFIDENCE, MIN_TRUST, on_working_mesh
-from zoomout_core.transfer.gradients import turn_gradients, without_sums
 from zoomout_core.tuning import Tuning, tuned
 
 

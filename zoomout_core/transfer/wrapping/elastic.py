@@ -15,13 +15,13 @@ from scipy.sparse.linalg import SuperLU
 
 from zoomout_core.arrays import Floats, Integers
 from zoomout_core.geometry.closest_points import closest_points
+from zoomout_core.geometry.gradients import products_of_gradients
 from zoomout_core.geometry.procrustes import nearest_rotations
 from zoomout_core.geometry.screened_smoothing import ScreenedSmoothing, screened_stiffness
 from zoomout_core.geometry.sparse_solve import factorise
 from zoomout_core.mesh.triangles import unique_edges, vertex_normals
 from zoomout_core.spectral.laplacian import mesh_laplacian
 from zoomout_core.transfer.frames import Frames
-from zoomout_core.transfer.gradients import products_of_gradients
 
 # Minimum weight of a goal: parts without any goal would make the system singular.
 MIN_PULL = 1e-6

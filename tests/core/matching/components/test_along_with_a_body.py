@@ -65,7 +65,7 @@ def test_points_follow_a_similarity_of_the_whole_body(basis: SpectralBasis, off:
     linear = 1.2 * TURN
     motion = SimilarityField(mesh.vertices, mesh.vertices @ linear.T + 1, np.ones(500), basis)
     points = mesh.vertices[::20] + off * mesh.vertex_normals[::20]
-    carried, turned, trust = motion.carry(points, mesh.vertex_normals[::20])
+    carried, turned, trust = motion.transform(points, mesh.vertex_normals[::20])
     np.testing.assert_allclose(carried, points @ linear.T + 1, atol=1e-6)
     np.testing.assert_allclose(turned, mesh.vertex_normals[::20] @ TURN.T, atol=1e-6)
     np.testing.assert_allclose(trust, 1)
@@ -77,8 +77,8 @@ def test_trust_is_taken_from_the_body_nearby(basis: SpectralBasis) -> None:
     trust = (MADE.directions[:, 2] > 0).astype(float)
     motion = SimilarityField(mesh.vertices, mesh.vertices, trust, basis)
     above, below = MADE.directions[:, 2] > 0.8, MADE.directions[:, 2] < -0.8
-    assert motion.carry(mesh.vertices[above], mesh.vertex_normals[above])[2].min() > 0.9
-    assert motion.carry(mesh.vertices[below], mesh.vertex_normals[below])[2].max() < 0.1
+    assert motion.transform(mesh.vertices[above], mesh.vertex_normals[above])[2].min() > 0.9
+    assert motion.transform(mesh.vertices[below], mesh.vertex_normals[below])[2].max() < 0.1
 
 
 def test_square_roots_of_weights_fall_linearly_with_distance(basis: SpectralBasis) -> None:
@@ -87,7 +87,7 @@ def test_square_roots_of_weights_fall_linearly_with_distance(basis: SpectralBasi
     distance = np.linalg.norm(mesh.vertices - point, axis=1)
     near = np.argsort(distance)[[0, 2, 5]]
     alone = [SimilarityField(mesh.vertices, mesh.vertices, 1.0 * (np.arange(500) == i), basis) for i in near]
-    root = np.sqrt([float(motion.carry(point, point)[2][0]) for motion in alone])
+    root = np.sqrt([float(motion.transform(point, point)[2][0]) for motion in alone])
     fallen = -np.diff(root) / np.diff(distance[near])
     assert fallen[0] == pytest.approx(fallen[1], rel=1e-6)
     assert fallen[0] > 0
@@ -104,7 +104,7 @@ def test_near_points_follow_a_smaller_region_than_far_ones(basis: SpectralBasis)
     at = np.repeat(centre[None] + [[0, 0.02, 0]], 2, axis=0)
     at[1] += [0, 0.4, 0]
     across = np.tile([1.0, 0, 0], (2, 1))
-    _, turned, _ = motion.carry(at, across)
+    _, turned, _ = motion.transform(at, across)
     angle = np.arccos(np.clip(np.einsum("ij,ij->i", turned, across), -1, 1))
     assert angle[0] > 2 * angle[1]
 

@@ -11,13 +11,13 @@ import pytest
 from loose_parts import map_parts, pair_around_body, part_of, sheet
 
 from zoomout_core.matching.components.component_mapping import (
-    _carry,
     _confidence,
     _correct_towards,
     _lies_on,
     _onto,
     _onto_pieces,
     _pieces,
+    _transform,
 )
 from zoomout_core.matching.components.parts import Side
 from zoomout_core.mesh.surface import Surface
@@ -176,13 +176,13 @@ def test_small_parts_keep_their_shape_where_large_ones_bend() -> None:
     parts = [ball(0.25, LEFT, count=200), ball(0.02, RIGHT)]
     side = side_of(*parts)
 
-    def carry(points: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, ...]:
+    def transform(points: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, ...]:
         return points * [1, 1, 0.5] + [0, 0, 1], normals, np.full(len(points), 0.7)
 
-    motion: Any = SimpleNamespace(carry=carry, handedness=1.0)
-    points, normals, trust = _carry(side, motion)
+    motion: Any = SimpleNamespace(transform=transform, handedness=1.0)
+    points, normals, trust = _transform(side, motion)
     small = side.mesh.component == 1
-    np.testing.assert_allclose(points[~small], carry(side.points, side.points)[0][~small])
+    np.testing.assert_allclose(points[~small], transform(side.points, side.points)[0][~small])
     centred = [p[small] - p[small].mean(axis=0) for p in (points, side.points)]
     ratio = np.linalg.norm(centred[0], axis=1) / np.linalg.norm(centred[1], axis=1)
     assert np.ptp(ratio) < 0.1

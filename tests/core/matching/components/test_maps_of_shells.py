@@ -138,7 +138,7 @@ def test_shell_maps_only_to_its_partner() -> None:
 def partners(target: Side, source: Side, scale: float = 1.0) -> dict[int, int]:
     """Paired shell numbers, largest shell first, for a body that stays or grows by `scale`."""
     motion: Any = SimpleNamespace(
-        carry=lambda points, normals: (scale * points, normals, np.ones(len(points))), handedness=1.0, scale=scale
+        transform=lambda points, normals: (scale * points, normals, np.ones(len(points))), handedness=1.0, scale=scale
     )
     pair: Any = SimpleNamespace(regions=[])
     return dict(pair_shells(pair, motion, target.parts(target.points), source.parts(source.points), source, target)[0])

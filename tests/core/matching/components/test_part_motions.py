@@ -104,7 +104,7 @@ def test_pieces_of_a_folding_part_move_rigidly() -> None:
     moved = MovedTarget(points, turned, motion, False)
     motions = fit_motions(part, moved, every, grouped(source), source, target)
     away = np.flatnonzero(np.abs(source.points[:, 0]) > 0.1)
-    places, _ = motions.carry(away, part[away])
+    places, _ = motions.transform(away, part[away])
     assert np.linalg.norm(places - source.points[away], axis=1).max() < SLIDE / 2
 
 
@@ -114,7 +114,7 @@ def test_parts_without_usable_vertices_have_no_rigid_motion() -> None:
     moved = MovedTarget(side.points, side.mesh.vertex_normals, MOTION, False)
     found = fit_motions(part, moved, none, grouped(side), side, side)
     assert not found.rigid.any()
-    points, _ = found.carry(np.arange(len(part)), part)
+    points, _ = found.transform(np.arange(len(part)), part)
     np.testing.assert_array_equal(points, side.points)
 
 

@@ -206,7 +206,7 @@ def test_surroundings_follow_a_rotated_or_mirrored_body_exactly(mirror: int) -> 
     motion = SimilarityField(places, places @ linear.T + [1, 2, 3], np.full(len(places), 0.4), basis)
     random = np.random.default_rng(0)
     points, normals = places[:200] + random.normal(scale=0.1, size=(200, 3)), random.standard_normal((200, 3))
-    carried, turned, trust = motion.carry(points, normals)
+    carried, turned, trust = motion.transform(points, normals)
     np.testing.assert_allclose(carried, points @ linear.T + [1, 2, 3], atol=1e-5)
     expected = normals @ linear.T
     np.testing.assert_allclose(turned, expected / np.linalg.norm(expected, axis=1, keepdims=True), atol=1e-4)
@@ -220,7 +220,7 @@ def test_surroundings_of_limbs_bend_with_them() -> None:
         *(body.vertices for body in bodies), np.ones(2000), zo.eigenbasis(creature(2000).surface, 100)
     )
     above, truth = (body.vertices + 0.005 * body.vertex_normals for body in bodies)
-    carried, turned, _ = motion.carry(above, bodies[0].vertex_normals)
+    carried, turned, _ = motion.transform(above, bodies[0].vertex_normals)
     off = np.linalg.norm(carried - truth, axis=1)
     assert off.mean() < 0.005
     assert np.quantile(off, 0.99) < 0.03

@@ -49,7 +49,7 @@ def pair_numbers(
 ) -> dict[int, int]:
     """Paired shell numbers, target to source, in the given order, for a body that does not move."""
     motion: Any = SimpleNamespace(
-        carry=lambda points, normals: (points, normals, np.ones(len(points))), handedness=1.0, scale=1.0
+        transform=lambda points, normals: (points, normals, np.ones(len(points))), handedness=1.0, scale=1.0
     )
     sides = side(target), side(source, corners)
     parts = [one.parts(one.points) for one in sides]

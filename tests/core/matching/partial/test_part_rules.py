@@ -30,10 +30,10 @@ from zoomout_core.matching.partial.landmark_search import SEARCH, _cost_of_pair,
 from zoomout_core.matching.partial.part_candidates import (
     PART_CANDIDATES,
     PartCandidate,
-    _fit,
     _Found,
     _map_cost,
     _register,
+    _scores,
     _search,
     part_candidates,
     rough_candidates,
@@ -229,9 +229,7 @@ def test_given_map_is_registered_regardless_of_its_cost(lower: PartAndWhole, mon
     monkeypatch.setattr(
         candidates_module, "_map_cost", lambda places, _: float(next(i for i, one in enumerate(maps) if one is places))
     )
-    monkeypatch.setattr(
-        candidates_module, "_register", lambda one: SimpleNamespace(places=one.places, scores={"fit": one.cost})
-    )
+    monkeypatch.setattr(candidates_module, "_register", lambda one: SimpleNamespace(places=one.places, cost=one.cost))
     found = rough_candidates([lower.everywhere], [np.arange(3)], 2, given=[maps[3]])
     assert [one.places is each for one, each in zip(found, (maps[0], maps[1], maps[3]), strict=True)] == [True] * 3
 
@@ -241,7 +239,7 @@ def test_best_fragment_maps_of_both_searches_are_registered_again(
 ) -> None:
     whole, nothing = on_a_line(0.0, 0.1, 0.2, 0.3), Any
     whole.is_fragment = True
-    region: Any = SimpleNamespace(part=whole, whole=whole, is_everywhere=True)
+    region: Any = SimpleNamespace(part=whole, whole=whole, is_everywhere=True, is_between_fragments=True)
 
     def of_places(fit: float, *places: int) -> PartCandidate:
         return PartCandidate(region, np.array(places), nothing, {"fit": fit})  # type: ignore[arg-type]
@@ -312,7 +310,7 @@ def test_up_axis_is_evidence_between_upright_fragments(
 def test_a_small_part_may_point_anywhere(
     lower: PartAndWhole, monkeypatch: pytest.MonkeyPatch, is_everywhere: bool
 ) -> None:
-    given, region = [], SimpleNamespace(is_everywhere=is_everywhere)
+    given, region = [], SimpleNamespace(is_everywhere=is_everywhere, is_between_fragments=False)
     monkeypatch.setattr(part_match, "is_small", lambda *_: True)
     monkeypatch.setattr(part_match, "find_regions", lambda *_: [region])
     monkeypatch.setattr(part_match, "part_candidates", lambda *those: given.append(those[-1]) or [])
@@ -453,7 +451,7 @@ def test_fragments_are_not_ranked_by_curvature(
     made = PartCandidate(lower.everywhere, lower.true_places(), fitted, {"fit": -4.0, "extent": 1.0})
     monkeypatch.setattr(part_match, "part_candidates", lambda *_: [made])
     monkeypatch.setattr(part_match, "register_part", lambda *_: fitted)
-    monkeypatch.setattr(part_match, "are_fragments", lambda _: fragments)
+    monkeypatch.setattr(Region, "is_between_fragments", fragments)
     (one,) = match_part(surface_and_shapes(lower))
     assert (CURVATURE in one.scores) != fragments
 
@@ -574,14 +572,15 @@ def test_fit_is_penalised_by_the_area_beyond_a_cut(lower: PartAndWhole, fitted: 
     areas = lower.part.shape.basis.areas
     half = np.cumsum(areas) > 0.5 * areas.sum()
     even = replace(fitted, agreement=np.full(len(half), 0.9))
-    whole, beyond = (_fit(replace(even, on_cut=each), lower.part) for each in (np.zeros_like(half), half))
+    whole, beyond = (_scores(replace(even, on_cut=each), lower.everywhere) for each in (np.zeros_like(half), half))
     assert beyond["fit"] - whole["fit"] == pytest.approx(PART_CANDIDATES.beyond * np.log(2), abs=0.02)
     assert beyond["extent"] == pytest.approx(whole["extent"] / 2, rel=0.02)
 
 
 def test_part_entirely_beyond_a_cut_fits_badly_without_extent(lower: PartAndWhole, fitted: RegisteredPart) -> None:
     beyond, within = (
-        _fit(replace(fitted, on_cut=np.full(len(fitted.on_cut), on_cut)), lower.part) for on_cut in (True, False)
+        _scores(replace(fitted, on_cut=np.full(len(fitted.on_cut), on_cut)), lower.everywhere)
+        for on_cut in (True, False)
     )
     assert beyond["extent"] == pytest.approx(0, abs=1e-12)
     assert np.isfinite(beyond["fit"])

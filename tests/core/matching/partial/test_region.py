@@ -91,7 +91,7 @@ def errors_of(images: SurfaceMap, made: tuple[Creature, Creature, Pair]) -> np.n
 
 def placement_of(one: Candidate) -> SurfaceMap:
     assert one.part_match is not None
-    return one.part_match.region.carry(one.part_match.registered).closest
+    return one.part_match.region.to_whole(one.part_match.registered).closest
 
 
 def test_hand_is_found_on_the_right_side_with_certainty(
@@ -188,7 +188,7 @@ def test_registration_onto_a_region_carries_over_to_the_whole(
 ) -> None:
     region, whole = regions[0], made[2].source_shape
     bent = register_onto(region)
-    carried = region.carry(bent)
+    carried = region.to_whole(bent)
     assert region.vertex is not None
     np.testing.assert_allclose(carried.positions, whole.mesh.vertices[region.vertex[bent.closest.vertex]], atol=1e-12)
     np.testing.assert_allclose(carried.closest.interpolate(whole.mesh.vertices), carried.positions, atol=1e-6)

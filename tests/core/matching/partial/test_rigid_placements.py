@@ -15,10 +15,11 @@ from scipy.spatial.transform import Rotation
 
 from zoomout_core.matching.pair import Pair
 from zoomout_core.matching.partial import part_match
-from zoomout_core.matching.partial.incomplete_shape import INCOMPLETE, IncompleteShape, at_scale
-from zoomout_core.matching.partial.part_candidates import PartCandidate, _by_fit, _placed_candidates
+from zoomout_core.matching.partial.incomplete_shape import IncompleteShape, at_scale
+from zoomout_core.matching.partial.part_candidates import PartCandidate, _by_cost, _placed_candidates
 from zoomout_core.matching.partial.part_match import fit_part
 from zoomout_core.matching.partial.part_registration import PART_REGISTRATION
+from zoomout_core.matching.partial.region import Region
 from zoomout_core.matching.partial.rigid_placements import (
     RIGID_PLACEMENTS,
     Placement,
@@ -178,8 +179,8 @@ def test_nothing_pulls_what_only_one_fragment_has(
     shapes = fragments.whole.shape, fragments.part.shape
     pair = Pair(fragments.made_whole.surface, fragments.made_part.surface, *shapes, 60, 20)
     fit_part(pair, one)
-    with retune(INCOMPLETE, fragment=100.0):
-        fit_part(pair, one)
+    monkeypatch.setattr(Region, "is_between_fragments", False)
+    fit_part(pair, one)
     (levels, start), of_a_part = given
     assert {level.min_weight for level in levels} == {0.0}
     assert len(levels) == len(NONRIGID_SCHEDULE) + is_rigid * len(PART_REGISTRATION.placed)
@@ -195,5 +196,5 @@ def test_up_axis_decides_between_equal_placements() -> None:
 
     weight = EVIDENCE_WEIGHTS[UPRIGHT]
     standing, turned, better = candidate(-3.0, 0.0), candidate(-3.0 - 0.9 * weight, 1.0), candidate(-4.0, 1.0)
-    assert _by_fit([standing, turned, better]) == [better, turned, standing]
-    assert _by_fit([turned, standing, better], upright=True) == [better, standing, turned]
+    assert _by_cost([standing, turned, better]) == [better, turned, standing]
+    assert _by_cost([turned, standing, better], upright=True) == [better, standing, turned]

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -30,6 +31,7 @@ from zoomout_core.matching.partial.unknown_scale import (
     stretch,
     times_as_large,
 )
+from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 from zoomout_core.matching.ranking.certainty import PART_CERTAINTY
 from zoomout_core.matching.ranking.scores import no_disagreement
 from zoomout_core.matching.report.notes import OTHER_UNITS, RESCALED
@@ -189,6 +191,49 @@ def test_poorly_fitting_fragments_are_not_rescaled(monkeypatch: pytest.MonkeyPat
     assert not seen
     assert match_at_unknown_scale(pair_of(lower.whole, lower.part), lambda _: no_disagreement) is not None
     assert min(tried[:-1]) > UNKNOWN_SCALE.of_fragments > tried[-1] == min(UNKNOWN_SCALE.scales)
+
+
+def in_another_unit(part: IncompleteShape, times: float) -> ShapeAnalysis:
+    """A part whose file has lengths that are larger by a factor."""
+    proxy = part.shape.proxy
+    return replace(part.shape, proxy=replace(proxy, full=replace(proxy.full, scale=times * proxy.full.scale)))
+
+
+@pytest.mark.parametrize("times", [1.0, 0.7, 50.0])
+def test_fragments_are_not_searched_for_again_in_the_units_of_their_files(
+    monkeypatch: pytest.MonkeyPatch, lower: PartAndWhole, times: float
+) -> None:
+    tried: list[list[float]] = []
+
+    def roughly(_part: object, _whole: object, scales: list[float]) -> list[RoughPlace]:
+        tried.append(scales)
+        return [RoughPlace(0.0, 0.5, np.arange(4), -4.0)]
+
+    monkeypatch.setattr(unknown_scale, "rough_places", roughly)
+    pair = replace(pair_of(lower.part, lower.part), target_shape=in_another_unit(lower.part, times))
+    assert match_at_unknown_scale(pair, lambda _: no_disagreement) is None
+    large = [scale for scale in UNKNOWN_SCALE.scales if scale >= UNKNOWN_SCALE.of_fragments]
+    for scales, in_files in zip(tried, (1 / times, times), strict=True):
+        near = [abs(np.log(scale / in_files)) < np.log(UNKNOWN_SCALE.one_unit) for scale in large]
+        assert scales == [scale for scale, skipped in zip(large, near, strict=True) if not skipped]
+        assert any(near) == (0.5 < in_files < 1.2)
+
+
+@pytest.mark.parametrize(("scale", "taken"), [(0.9, False), (1.1, False), (0.7, True)])
+def test_places_of_fragments_that_fit_in_the_units_of_their_files_are_ignored(
+    monkeypatch: pytest.MonkeyPatch, lower: PartAndWhole, scale: float, taken: bool
+) -> None:
+    """The finer search in that unit has found no likely map."""
+    candidate: Any = SimpleNamespace(certainty=0.9)
+    monkeypatch.setattr(unknown_scale, "match_part", lambda *_: [candidate])
+    monkeypatch.setattr(unknown_scale, "rough_places", lambda *_: [RoughPlace(0.9, scale, np.arange(4), -4.0)])
+    found = match_at_unknown_scale(pair_of(lower.part, lower.part), lambda _: no_disagreement)
+    assert (found is not None) == taken
+
+
+def test_no_scale_to_search_at_gives_no_place(lower: PartAndWhole) -> None:
+    with retune(UNKNOWN_SCALE, one_unit=100.0):
+        assert match_at_unknown_scale(pair_of(lower.part, lower.part), lambda _: no_disagreement) is None
 
 
 @pytest.mark.parametrize(

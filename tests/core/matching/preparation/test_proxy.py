@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 import zoomout_core as zo
 from zoomout_core.geometry.closest_points import closest_points
 from zoomout_core.maps.surface_map import SurfaceMap
-from zoomout_core.matching.preparation.proxy import PROXY, Proxy, ProxyTuning, carry, make_proxy
+from zoomout_core.matching.preparation.proxy import PROXY, Proxy, ProxyTuning, full_images, make_proxy
 from zoomout_core.mesh.formats.files import read_surface
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.mesh.triangles import triangle_areas
@@ -161,7 +161,7 @@ def test_map_between_proxies_is_carried_over_to_the_surfaces() -> None:
     between = SurfaceMap(
         *closest_points(target.vertices, source.vertices, source.mesh.triangles), source.mesh.triangles
     )
-    surface_map = source.closest(carry(between, source, target))
+    surface_map = source.closest(full_images(between, source, target))
     images = surface_map.interpolate(first.vertices)
     assert np.linalg.norm(images - second.vertices, axis=1).max() < 0.03
     np.testing.assert_array_equal(surface_map.source_triangles, first.triangles)

@@ -55,13 +55,13 @@ def leg() -> Booleans:
     return np.asarray(creature(2000, 1).directions @ LEG > REACH)
 
 
-def turned_map() -> SurfaceMap:
+def turned_map(degrees: float = TURN) -> SurfaceMap:
     """The map of the target's mesh, which maps the leg as if it were turned across its axis."""
     source = shapes()[0]
     vertex = true_map(0, 1).vertex.copy()
     places = source.mesh.vertices[vertex[leg()]]
     across = np.cross(LEG, [0.3, 0.5, 0.8])
-    turn = Rotation.from_rotvec(np.radians(TURN) * across / np.linalg.norm(across)).as_matrix()
+    turn = Rotation.from_rotvec(np.radians(degrees) * across / np.linalg.norm(across)).as_matrix()
     vertex[leg()] = cKDTree(source.mesh.vertices).query((places - places.mean(axis=0)) @ turn.T + places.mean(axis=0))[
         1
     ]
@@ -80,12 +80,14 @@ def errors(surface_map: SurfaceMap) -> Floats:
     return np.linalg.norm(surface_map.interpolate(vertices) - true_map(0, 1).interpolate(vertices), axis=1)
 
 
-def test_turned_limb_is_placed_by_its_shape() -> None:
-    turned = turned_map()
+@pytest.mark.parametrize("degrees", [TURN, 130.0, 160.0])
+def test_turned_limb_is_placed_by_its_shape(degrees: float) -> None:
+    # Larger turns need starting poses at all angles, and the normals.
+    turned = turned_map(degrees)
     found = placements(turned)
     assert len(found) == 1
     moved = move_regions(turned, found, *shapes(), mirrored=False)
-    assert errors(moved)[leg()].mean() < 0.4 * errors(turned)[leg()].mean()
+    assert errors(moved)[leg()].mean() < 0.5 * errors(turned)[leg()].mean()
     kept = np.setdiff1d(np.arange(len(leg())), found[0].region)
     np.testing.assert_array_equal(moved.vertex[kept], turned.vertex[kept])
 
@@ -113,10 +115,14 @@ def test_region_whose_pose_fits_is_kept() -> None:
     assert find_placements(true_map(0, 1), distortion, *shapes(), mirrored=False) == []
 
 
-def test_small_region_is_kept() -> None:
-    turned = turned_map()
-    with retune(REGIONS, min_area=0.25):
-        assert placements(turned) == []
+@pytest.mark.parametrize(
+    "limits",
+    [{"min_area": 0.25}, {"max_area": 0.06}, {"min_width": 0.98}, {"min_kept": 1.0}],
+    ids=["small", "large", "slender", "moved away"],
+)
+def test_unreliable_region_is_kept(limits: dict[str, float]) -> None:
+    with retune(REGIONS, **limits):
+        assert placements(turned_map()) == []
 
 
 def test_mirrored_map_is_placed_in_the_mirror_image() -> None:

@@ -34,7 +34,7 @@ pytestmark = pytest.mark.usefixtures("few_candidates")
         (
             {"certainty": 0.9979, "doubtful": 0.176},
             GREEN,
-            "(over 99% certain). It may be slightly off on the doubtful 18%",
+            "(over 99% certain). On the doubtful 18% of the target, it may be off by several percent",
         ),
         ({"doubtful": 0.004}, GREEN, "(99% certain)."),
         ({"doubtful": 0.6}, AMBER, "60% of the target is doubtful"),

@@ -88,6 +88,30 @@ def test_corrected_map_stays_above_what_the_target_hides():
     assert off < before
 
 
+def test_corrected_map_reaches_a_part_only_near_its_images():
+    cloth, still = tube(), tube(13, 55, turned=0.4)
+    body = cloth.with_vertices(cloth.vertices * [0.97, 0.97, 1])
+    source = zo.Surface.joined([cloth, body])
+    bare = still.vertices[:, 2] > 0.8 * LENGTH
+    thin = still.with_vertices(still.vertices * [0.98, 0.98, 1])  # nearer to the body than to the cloth
+    weights, target = weights_of(source.vertices), pose_surface(thin, bend(*SOFT))
+    outer, inner = (
+        closest_points(still.vertices + np.array([0, 0, 0.12]), each.vertices, each.triangles) for each in (cloth, body)
+    )
+    triangle = np.where(bare, inner[0] + len(cloth.triangles), outer[0])
+    barycentric = np.where(bare[:, None], inner[1], outer[1])
+    match = _Match(zo.SurfaceMap(triangle, barycentric, source.triangles), np.ones(len(bare)))
+    mapped = map_target(match, source, target)
+    far = still.vertices[:, 2] < 0.7 * LENGTH
+    on_cloth = []
+    for reach in (REST.reach, 1.0):
+        with retune(REST, reach=reach):
+            corrected = correct_map(mapped, find_pose(mapped, source, weights, PARENTS), weights)
+        on_cloth.append(corrected.surface_map.triangle < len(cloth.triangles))
+    assert on_cloth[0][far].all()
+    assert not on_cloth[1][far].all()
+
+
 def test_map_is_not_corrected_in_place_or_without_weights():
     source, still = tube(), tube(13, 55, turned=0.4)
     weights = weights_of(source.vertices)

@@ -19,7 +19,7 @@ from ..mesh_data import values_through_modifiers
 from ..scene.redraw import redraw_views
 
 
-class _Carried(NamedTuple):
+class _EvaluatedValues(NamedTuple):
     """Values after the modifiers; None if these lose them."""
 
     of: Floats
@@ -28,7 +28,7 @@ class _Carried(NamedTuple):
 
 
 # Computed and requested values, by the `session_uid` of objects.
-_known: dict[int, _Carried] = {}
+_known: dict[int, _EvaluatedValues] = {}
 _wanted: dict[int, Floats] = {}
 
 
@@ -57,7 +57,7 @@ def is_lost(obj: Object) -> bool:
     return known is not None and known.values is None
 
 
-def carry_now() -> None:
+def compute_requested() -> None:
     """Compute the requested values."""
     while _wanted:
         uid, values = _wanted.popitem()
@@ -66,7 +66,7 @@ def carry_now() -> None:
             continue
         depsgraph = bpy.context.evaluated_depsgraph_get()
         state = _state(obj, obj.evaluated_get(depsgraph))
-        _known[uid] = _Carried(values, state, values_through_modifiers(obj, depsgraph, values))
+        _known[uid] = _EvaluatedValues(values, state, values_through_modifiers(obj, depsgraph, values))
 
 
 def clear() -> None:
@@ -77,7 +77,7 @@ def clear() -> None:
 
 def _tick() -> None:
     """Compute requested values and redraw; Blender calls this when it is idle."""
-    carry_now()
+    compute_requested()
     redraw_views()
 
 
