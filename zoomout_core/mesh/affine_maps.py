@@ -19,6 +19,11 @@ def transform_points(matrices: Floats, points: Floats) -> Floats:
     return np.asarray(np.einsum("nxy,ny->nx", matrices[:, :, :3], points) + matrices[:, :, 3])
 
 
+def mirror_factors(mirrored: bool) -> Floats:
+    """(3,) factors of coordinates and normals: those that mirror a shape at the plane x = 0, or ones."""
+    return np.array([-1.0, 1.0, 1.0]) if mirrored else np.ones(3)
+
+
 def normalise(weights: csr_array) -> csr_array:
     """Weights (n, b) of bones as float64, scaled to sum to one at each vertex; vertices without weights keep none."""
     shares = csr_array(weights.astype(np.float64))  # a copy

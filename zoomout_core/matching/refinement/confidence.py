@@ -12,6 +12,7 @@ from zoomout_core.arrays import Booleans, Floats
 from zoomout_core.geometry.similarity_residual import similarity_residual
 from zoomout_core.maps.surface_map import SurfaceMap, folded_triangles
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
+from zoomout_core.mesh.affine_maps import mirror_factors
 from zoomout_core.mesh.triangles import border_edges, triangle_areas
 from zoomout_core.spectral.descriptors import sum_at_vertices
 from zoomout_core.tuning import Tuning, tuned
@@ -118,7 +119,7 @@ def cycle_error(there: SurfaceMap, back: SurfaceMap, target_vertices: Floats) ->
 
 def local_distortion(surface_map: SurfaceMap, source: ShapeAnalysis, target: ShapeAnalysis, mirrored: bool) -> Floats:
     """(n_t,) `similarity_residual` of a map; a `mirrored` one is a map of the target's mirror image."""
-    places = target.mesh.vertices * np.array([-1.0 if mirrored else 1.0, 1.0, 1.0])
+    places = target.mesh.vertices * mirror_factors(mirrored)
     images = surface_map.interpolate(source.mesh.vertices)
     return similarity_residual(places, target.mesh.triangles, images, CONFIDENCE.rings)
 

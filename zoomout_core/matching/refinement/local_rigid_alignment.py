@@ -20,6 +20,7 @@ from zoomout_core.maps.anchors import Anchors, coordinates
 from zoomout_core.maps.nearest import nearest
 from zoomout_core.maps.sampled_basis import SampledBasis
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
+from zoomout_core.mesh.affine_maps import mirror_factors
 from zoomout_core.tuning import Tuning, tuned
 
 
@@ -68,7 +69,7 @@ def align(images: Floats, target: ShapeAnalysis, width: float, mirrored: bool, a
     """
     rows: Integers | slice = slice(None) if at is None else at
     eigenvectors, eigenvalues, k = target.basis.eigenvectors, target.basis.eigenvalues, len(images)
-    sense = np.array([-1.0, 1, 1]) if mirrored else np.ones(3)
+    sense = mirror_factors(mirrored)
     damping = np.exp(-(width**2) * eigenvalues[:k, None])
     both = damping * np.hstack([target.position_coefficients[:k] * sense, images])
     samples = target.search.samples[: len(target.distances)]

@@ -17,6 +17,7 @@ from zoomout_core.maps.surface_map import SurfaceMap
 from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 from zoomout_core.matching.registration.correspondences import GeodesicLimit, Surroundings
 from zoomout_core.matching.registration.nonrigid_icp import Fit, Level, bend, replace_images
+from zoomout_core.mesh.affine_maps import mirror_factors
 
 # The registration of the source starts from the inverse of the finished one, so it needs fewer levels. The mean
 # distance from the true images falls by 4, 3 and 5 % on 8 pairs each of FAUST, SHREC19 and SMAL.
@@ -68,7 +69,7 @@ def _inverse_fit(
     Returns the map, and (n_t,) distances from the target's vertices to the deformed source; infinite where the two face
     opposite ways.
     """
-    sense = np.array([-1.0, 1, 1]) if mirrored else np.ones(3)
+    sense = mirror_factors(mirrored)
     rest, normals = source.mesh.vertices * sense, side * source.mesh.vertex_normals * sense
     around, limit = Surroundings.of(target), GeodesicLimit(start.vertex, target)
     positions = start.interpolate(target.mesh.vertices)

@@ -34,6 +34,7 @@ from zoomout_core.matching.registration.correspondences import (
 )
 from zoomout_core.matching.registration.deformation_graph import DeformationGraph, Nodes
 from zoomout_core.matching.registration.rigid_icp import rigid_vertices, settle
+from zoomout_core.mesh.affine_maps import mirror_factors
 from zoomout_core.mesh.triangles import at_all
 from zoomout_core.runtime.progress import advance, portion
 
@@ -108,7 +109,7 @@ def fit_nonrigid(
     first: SurfaceMap, source: ShapeAnalysis, target: ShapeAnalysis, mirrored: bool, pins: Pins | None = None
 ) -> Fit:
     """Register a target to its source, starting from a map between their meshes."""
-    sense = np.array([-1.0, 1, 1]) if mirrored else np.ones(3)
+    sense = mirror_factors(mirrored)
     rest, normals = target.mesh.vertices * sense, target.mesh.vertex_normals * sense
     images, image_normals = (first.interpolate(v) for v in (source.mesh.vertices, source.mesh.vertex_normals))
     coefficients = target.basis.coefficients(images)[: RIGID_ALIGNMENT.image_functions]
