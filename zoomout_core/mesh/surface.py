@@ -120,6 +120,15 @@ class Surface(Summary):
         """
         return Surface.from_corners(vertices, self.corner_vertex, self.face_start, self.triangle_corners, self._edges)
 
+    def subset(self, kept: Booleans) -> Surface:
+        """The vertices that are kept (n,), with the triangles between them.
+
+        Raises:
+            MeshError: no triangle is left.
+        """
+        number = np.cumsum(kept) - 1
+        return Surface(self.vertices[kept], number[self.triangles[kept[self.triangles].all(axis=1)]])
+
     def _set(
         self,
         vertices: ArrayLike,

@@ -27,7 +27,7 @@ from zoomout_core.transfer import (
     shape_of_source,
 )
 from zoomout_core.transfer.dressing.hidden_skin import keys_that_hide_skin
-from zoomout_core.transfer.dressing.missing_skin import place_by_bones
+from zoomout_core.transfer.dressing.missing_skin import place_by_bones, without_missing_limbs
 from zoomout_core.transfer.rigging.joint_map import RiggedBody
 from zoomout_core.transfer.rigging.skinning import strongest
 
@@ -87,11 +87,12 @@ def fit_worn(match: stored_match.Match | zo.SurfaceMap, fitting: Fitting, dressi
     """Fit the worn objects, and let them follow the target's keys."""
     with portion(0, SHAPING):
         shape = shape_of_source(match, fitting.source, fitting.target)
-    body, shape, _ = body_without_worn(fitting, shape)
+    body, is_body = body_without_worn(fitting)
+    shape = shape[is_body]
     manners = [_manner(each, dressing.manner) for each in fitting.worn]
     with portion(SHAPING, FITTED):
         if fitting.rigs is not None and fitting.weights is not None:
-            shape = _align(shape, body, fitting, fitting.rigs, fitting.weights)
+            shape = _align(BodyPair(body, is_body, shape, fitting.target), fitting.rigs, fitting.weights)
         placed = shape
         if fitting.clothed is not None:
             _, target = rigged_bodies(fitting)
@@ -113,7 +114,8 @@ def fit_worn(match: stored_match.Match | zo.SurfaceMap, fitting: Fitting, dressi
     fit = Fit(dressed, moved, [], hiding=tuple(dict.fromkeys(_hiding_keys(fitting))))
     if fitting.rigs is not None and fitting.weights is not None:
         fit = _move_bones(fit, fitting, fitting.rigs, body, shape)
-        fit = _follow_weights(fit, fitting, fitting.rigs, fitting.weights, body, shape)
+        bodies = BodyPair(body, is_body, shape, fitting.target)
+        fit = _follow_weights(fit, fitting, fitting.rigs, fitting.weights, bodies)
         dressed = clear_copies(
             fit.dressed, fit.weights, fitting.weights, fitting.rigs.others, fitting.rigs.outfit, fit.pairs
         )
@@ -139,17 +141,11 @@ def _manner(worn: Worn, chosen: Manner) -> Manner:
     return "hair" if worn.is_hair else "automatic"
 
 
-def _align(shape: Floats, body: zo.Surface, fitting: Fitting, rigs: Rigs, weights: GroupWeights) -> Floats:
+def _align(bodies: BodyPair, rigs: Rigs, weights: GroupWeights) -> Floats:
     """The shape of a body, aligned with the joints of the target's armature."""
-    of_body = weights_of_bones(weights.source, rigs.body.names)[_vertices_of(body, fitting)]
+    of_body = weights_of_bones(weights.source, rigs.body.names)[bodies.is_body]
     pairs = JointPairs.of(_skeleton(rigs.body), csr_array(of_body), _skeleton(rigs.others))
-    return align_joints(body, shape, fitting.target, pairs)
-
-
-def _vertices_of(body: zo.Surface, fitting: Fitting) -> Booleans:
-    """(n_s,) the vertices of the source that a body has: all of them, or those that are not worn."""
-    whole = len(body.vertices) == len(fitting.source.vertices)
-    return np.ones_like(fitting.is_body) if whole else fitting.is_body
+    return align_joints(bodies.body, bodies.shape, bodies.target, pairs)
 
 
 def _move_bones(fit: Fit, fitting: Fitting, rigs: Rigs, body: zo.Surface, shape: Floats) -> Fit:
@@ -167,33 +163,25 @@ def _move_bones(fit: Fit, fitting: Fitting, rigs: Rigs, body: zo.Surface, shape:
     return replace(fit, outfit=replace(outfit, ends=ends, upright=upright), pairs=pairs)
 
 
-def _follow_weights(
-    fit: Fit, fitting: Fitting, rigs: Rigs, weights: GroupWeights, body: zo.Surface, shape: Floats
-) -> Fit:
+def _follow_weights(fit: Fit, fitting: Fitting, rigs: Rigs, weights: GroupWeights, bodies: BodyPair) -> Fit:
     """Change the weights of the copies as those of the body below them change."""
     partners = {name: fit.pairs.get(name, name) for name in rigs.body.names}
     names = BoneNames(partners, rigs.outfit.names, rigs.others.names)
-    bodies = _without_missing_limbs(BodyPair(body, _vertices_of(body, fitting), shape, fitting.target), fitting, names)
+    bodies = _without_missing_limbs(bodies, fitting, names)
     changes = follow_groups(weights, names, bodies, fitting.worn, fit.dressed.vertices)
     return replace(fit, weights=changes)
 
 
 def _without_missing_limbs(bodies: BodyPair, fitting: Fitting, names: BoneNames) -> BodyPair:
-    """A pair without the cloth that stands in for skin that bones move which move no skin of the target.
-
-    The nearest skin of the target is on another limb, and with its weights trousers would not follow the legs.
-    """
+    """A pair without the cloth of limbs on which the target has no skin."""
     clothed, weights = fitting.clothed, fitting.weights
     if clothed is None or weights is None:
         return bodies
     of_target = csr_array(weights_of_bones(weights.target, names.target))
     present = {names.target[bone] for bone in np.unique(strongest(of_target))}
-    is_present = np.array([names.partners.get(name, name) in present for name in clothed.body.bones.names])
-    kept = (np.arange(len(bodies.shape)) < clothed.skin) | is_present[strongest(clothed.body.weights)]
-    triangles = bodies.body.triangles[kept[bodies.body.triangles].all(axis=1)]
-    number = np.cumsum(kept) - 1
-    surface = zo.Surface(bodies.body.vertices[kept], number[triangles])
-    return BodyPair(surface, kept, bodies.shape[kept], bodies.target)
+    has_skin = np.array([names.partners.get(name, name) in present for name in clothed.body.bones.names])
+    kept = without_missing_limbs(clothed, has_skin)
+    return BodyPair(bodies.body.subset(kept), kept, bodies.shape[kept], bodies.target)
 
 
 def _follow_keys(fitting: Fitting, keys: BodyKeys, fit: Fit) -> list[Floats]:
@@ -271,14 +259,12 @@ def notes_on_hidden_skin(hiding: Collection[str], source: str, target: str, own:
     return notes
 
 
-def body_without_worn(fitting: Fitting, shape: Floats) -> tuple[zo.Surface, Floats, Booleans]:
-    """The source without worn parts, if it has triangles, its vertices in a shape (n_s, 3), and which (n_s,) it has."""
-    surface, kept = fitting.source, fitting.is_body
-    triangles = surface.triangles[kept[surface.triangles].all(axis=1)]
-    if kept.all() or not len(triangles):
-        return surface, shape, np.ones_like(kept)
-    number = np.cumsum(kept) - 1
-    return zo.Surface(surface.vertices[kept], number[triangles]), shape[kept], kept
+def body_without_worn(fitting: Fitting) -> tuple[zo.Surface, Booleans]:
+    """The source without worn parts, and which of its vertices (n_s,) that has; all of it if no triangle remains."""
+    source, is_body = fitting.source, fitting.is_body
+    if is_body.all() or not is_body[source.triangles].all(axis=1).any():
+        return source, np.ones_like(is_body)
+    return source.subset(is_body), is_body
 
 
 def notes_on_stretch(worn: Sequence[Worn], dressed: Dressed) -> list[Message]:

@@ -45,17 +45,18 @@ def complete_fitting(fitting: Fitting) -> CompletedFitting | None:
         for each, groups in zip(fitting.worn, weights.worn, strict=True)
         if groups is not None and not each.is_hair and isinstance(each.shape, zo.Surface)
     ]
-    body, _, rows = body_without_worn(fitting, fitting.source.vertices)
-    bare = RiggedBody(body, source.bones, csr_array(source.weights[rows]))
+    body, is_body = body_without_worn(fitting)
+    bare = RiggedBody(body, source.bones, csr_array(source.weights[is_body]))
     clothed = complete_body(bare, [shape for shape, _ in worn], [given for _, given in worn])
     joints = None if clothed is None else SharedJoints.of(clothed.body, target)
     if clothed is None or joints is None:
         return None
-    labels = tuple(dict.fromkeys([*weights.source.labels, *names]))
+    of_source = weights.source
+    labels = tuple(dict.fromkeys([*of_source.labels, *names]))
     columns = np.array([labels.index(name) for name in names], dtype=np.int64)
-    of_skin = renumber_bones(csr_array(weights.source.values[rows]), np.arange(len(weights.source.labels)), len(labels))
+    of_skin = renumber_bones(csr_array(of_source.values[is_body]), np.arange(len(of_source.labels)), len(labels))
     of_cloth = renumber_bones(csr_array(clothed.body.weights[clothed.skin :]), columns, len(labels))
-    groups = replace(weights.source, labels=labels, values=csr_array(vstack([of_skin, of_cloth], format="csr")))
+    groups = replace(of_source, labels=labels, values=csr_array(vstack([of_skin, of_cloth], format="csr")))
     completed = replace(
         fitting,
         source=clothed.body.surface,

@@ -239,6 +239,15 @@ def test_joined_surfaces_keep_their_order() -> None:
     np.testing.assert_array_equal(both.edges[[0, 1, -2, -1]], [[0, 4], [0, 1], [8, 12], [8, 9]])
 
 
+def test_subset_has_the_kept_vertices_and_the_triangles_between_them() -> None:
+    strip = Surface([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0], [0, 2, 0]], [[0, 1, 2], [1, 3, 2], [2, 3, 4]])
+    part = strip.subset(np.array([False, True, True, True, False]))
+    np.testing.assert_array_equal(part.vertices, strip.vertices[1:4])
+    np.testing.assert_array_equal(part.triangles, [[0, 2, 1]])
+    with pytest.raises(MeshError):
+        strip.subset(np.array([True, True, False, True, False]))
+
+
 def test_rounding_of_coordinates_is_detected(resting: Creature) -> None:
     far = (resting.surface.vertices + 1e6).astype(np.float32)
     assert resting.surface.with_vertices(far).rounding == 0.0625

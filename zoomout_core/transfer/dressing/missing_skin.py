@@ -135,6 +135,20 @@ def place_by_bones(clothed: ClothedBody, shape: Floats, target: RiggedBody) -> P
     return PlacedBody(moved + unit * np.where(is_moved[:, None], adapted[form.number], 0.0), projected)
 
 
+def without_missing_limbs(clothed: ClothedBody, has_skin: Booleans) -> Booleans:
+    """(n,) the vertices of a clothed body, without the cloth of limbs that have no skin on another body.
+
+    The nearest skin of that body is on another limb, and with its weights trousers would not follow the legs.
+
+    Args:
+        clothed: the body.
+        has_skin: (b,) whether the partners of its bones move skin of the other body.
+    """
+    kept = has_skin[strongest(clothed.body.weights)]
+    kept[: clothed.skin] = True
+    return kept
+
+
 def _humanoid(bones: Skeleton) -> tuple[Integers, Integers]:
     """(h,) the humanoid bones of a skeleton, and (h,) the nearest one above each, numbered among these; -1 for none."""
     names = humanoid_bones(bones.names) if bones.humanoid is None else bones.humanoid

@@ -13,7 +13,12 @@ from scipy.spatial import cKDTree
 
 from zoomout_core.mesh.surface import Surface
 from zoomout_core.transfer.dressing import missing_skin
-from zoomout_core.transfer.dressing.missing_skin import ClothedBody, complete_body, place_by_bones
+from zoomout_core.transfer.dressing.missing_skin import (
+    ClothedBody,
+    complete_body,
+    place_by_bones,
+    without_missing_limbs,
+)
 from zoomout_core.transfer.rigging.joint_map import RiggedBody, SharedJoints
 
 LEGS = ("thigh.L", "thigh.R", "shin.L", "shin.R")
@@ -127,3 +132,13 @@ def test_bodies_without_common_bones_are_left_to_their_map() -> None:
     target = rigged(body, body)
     unknown = target._replace(bones=target.bones._replace(humanoid={}))
     assert place_by_bones(found, found.body.surface.vertices, unknown) is None
+
+
+def test_cloth_of_limbs_that_the_other_body_lacks_is_left_out() -> None:
+    found, _ = trousers_alone()
+    names = found.body.bones.names
+    kept = without_missing_limbs(found, np.array([name != LEGS[0] for name in names]))
+    bone = np.asarray(found.body.weights.argmax(axis=1)).ravel()
+    assert kept[: found.skin].all()
+    np.testing.assert_array_equal(kept[found.skin :], bone[found.skin :] != names.index(LEGS[0]))
+    assert not kept.all()
