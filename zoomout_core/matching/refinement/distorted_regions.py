@@ -6,8 +6,9 @@ profile: the forehead of a lion covers the muzzle of a hippopotamus, and its nos
 this error, because none is closer to an isometry, and a registration does not turn a head by a right angle. But the
 residuals of local similarities are large there, and the shapes of both regions alone determine how they fit. So the
 region is fitted by a similarity to its surroundings on the source, from many starting poses, by closest points with
-compatible normals and curvature in both directions. Its best pose replaces the images of the region if it fits better
-than the pose of the map. Slender regions stay, because tails bend, and so do those whose best pose is on another part.
+compatible normals in both directions. Images around the region do not count, because they slide with it. The best pose
+replaces the images of the region if it fits better than the pose of the map. Slender regions stay, because tails bend,
+and so do those whose best pose is on another part.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from zoomout_core.matching.preparation.analysis import ShapeAnalysis
 from zoomout_core.matching.refinement.local_rigid_alignment import sides_are_known
 from zoomout_core.matching.registration.correspondences import Surroundings
 from zoomout_core.matching.registration.nonrigid_icp import replace_images
+from zoomout_core.mesh.affine_maps import mirror_factors
 from zoomout_core.mesh.triangles import at_all, components, unique_edges
 from zoomout_core.tuning import Tuning, tuned
 
@@ -46,10 +48,7 @@ class RegionTuning(Tuning, set_by="correspondence"):
     min_width: float = tuned(0.35, "1", 0, 1)
     around_target: float = tuned(0.25, "at unit area", 0, 2)  # distance from the region to which points are considered
     around_source: float = tuned(0.2, "at unit area", 0, 2)  # the same from its images
-    border: float = tuned(0.15, "at unit area", 0, 2)  # distance from the region to which its surroundings hold it
-    border_weight: float = tuned(0.1, "1", 0, 10)  # of these places, whose images may be wrong, too
     normal_weight: float = tuned(0.08, "at unit area", 0, 1)  # distance that equals a unit difference of normals
-    curvature_weight: float = tuned(0.04, "at unit area", 0, 1)  # the same for each scale of the mean curvature
     angles: tuple[float, ...] = tuned((30.0, 60.0, 90.0), "degrees", 0, 180)  # of starting poses, about three axes
     min_scale: float = tuned(0.4, "1", 0.01, 1)  # of a pose
     max_scale: float = tuned(2.0, "1", 1, 100)  # of a pose
@@ -63,9 +62,9 @@ class RegionTuning(Tuning, set_by="correspondence"):
 
 
 REGIONS = RegionTuning()
-# Scales s at unit area (Geman and McClure 1987): of the misfit r^2 / (r^2 + s^2), and the wider ones of the weights
-# 1 / (1 + (r / s)^2)^2 by which a pose is fitted to closest points and to the images of the border.
-MISFIT_SCALE, WEIGHT_SCALE, BORDER_SCALE = 0.05, 0.08, 0.15
+# Scales s at unit area (Geman and McClure 1987): of the misfit r^2 / (r^2 + s^2), and the wider one of the weights
+# 1 / (1 + (r / s)^2)^2 by which a pose is fitted to closest points.
+MISFIT_SCALE, WEIGHT_SCALE = 0.05, 0.08
 # Points of the source that the region is projected to; denser ones do not change the best pose.
 MAX_POINTS = 400
 MIN_SAMPLES = 8
@@ -86,24 +85,21 @@ class _Points(NamedTuple):
 
     positions: Floats  # (n, 3)
     normals: Floats  # (n, 3)
-    curvature: Floats  # (n, t) mean curvature on several scales
 
     @classmethod
     def of(cls, shape: ShapeAnalysis, vertex: Integers, mirrored: bool = False) -> _Points:
         """Vertices of a shape, or of its mirror image."""
-        sense = np.array([-1.0 if mirrored else 1.0, 1.0, 1.0])
+        sense = mirror_factors(mirrored)
         mesh = shape.mesh
-        return cls(mesh.vertices[vertex] * sense, mesh.vertex_normals[vertex] * sense, shape.vertex_curvature[vertex])
+        return cls(mesh.vertices[vertex] * sense, mesh.vertex_normals[vertex] * sense)
 
     def move(self, pose: Similarities) -> SingleFloats:
-        """(..., n, d) coordinates of the points in some poses, in which compatible points are close."""
+        """(..., n, 6) coordinates of the points in some poses, in which compatible points are close."""
         positions, normals = pose(self.positions), self.normals @ np.swapaxes(pose.rotation, -1, -2)
-        curvature = np.broadcast_to(self.curvature, (*positions.shape[:-1], self.curvature.shape[1]))
-        parts = positions, REGIONS.normal_weight * normals, REGIONS.curvature_weight * curvature
-        return np.concatenate(parts, axis=-1).astype(np.float32)
+        return np.concatenate([positions, REGIONS.normal_weight * normals], axis=-1).astype(np.float32)
 
     def coordinates(self) -> SingleFloats:
-        """(n, d) the same of the points where they are."""
+        """(n, 6) the same of the points where they are."""
         return self.move(Similarities(np.ones(()), np.eye(3), np.zeros(3)))
 
 
@@ -112,7 +108,6 @@ class _Scene(NamedTuple):
 
     target: _Points  # samples of the region and around it
     inside: Booleans  # (t,) those in the region
-    border: Booleans  # (t,) those around it whose images are trusted
     images: Floats  # (t, 3) of the samples by the map
     points: _Points  # dense ones of the source
     samples: _Points  # of the source
@@ -158,7 +153,7 @@ def move_regions_back(
     back: SurfaceMap, placements: Sequence[Placement], source: ShapeAnalysis, target: ShapeAnalysis, mirrored: bool
 ) -> SurfaceMap:
     """Replace the images of the regions' partners likewise, in a map from the source's mesh to the target's."""
-    sense = np.array([-1.0 if mirrored else 1.0, 1.0, 1.0])
+    sense = mirror_factors(mirrored)
     surface = Surroundings.of(target).surface
     for _, partners, _, vertex, pose in placements:
         found = surface.closest(pose.inverse(source.mesh.vertices[partners]) * sense, vertex)
@@ -205,7 +200,6 @@ def _place(
     scene = _Scene(
         _Points.of(target, at, mirrored),
         inside[at],
-        ~inside[at] & (off_target[at] < REGIONS.border),
         images[at],
         _Points.of(source, area[:: -(-len(area) // MAX_POINTS)]),
         _Points.of(source, samples[np.isin(samples, area)]),
@@ -257,32 +251,25 @@ def _best_pose(scene: _Scene, starts: Similarities) -> Similarities | None:
 
 
 def _fit(scene: _Scene, poses: Similarities) -> tuple[Similarities, Floats]:
-    """One round of closest points both ways: the next poses (b), and (b,) the misfit of these."""
-    moved = scene.target.move(poses)  # (b, t, d)
-    points, samples = scene.points.coordinates(), scene.samples.coordinates()
-    there, gap = _closest(moved[:, scene.inside], points, axis=2)
-    back, gap_back = _closest(moved, samples, axis=1)
+    """One round of closest points both ways: the poses after it (b), and (b,) the misfit before it."""
+    moved = scene.target.move(poses)  # (b, t, 6)
+    there, gap = _closest(moved[:, scene.inside], scene.points.coordinates(), axis=2)
+    back, gap_back = _closest(moved, scene.samples.coordinates(), axis=1)
     # Places of the source that the surroundings of the region cover have no partner in it.
     owned = scene.inside[back] / np.maximum(scene.inside[back].sum(axis=1, keepdims=True), 1)
-    border = scene.target.positions[scene.border]
-    off = np.linalg.norm(poses(border) - scene.images[scene.border], axis=2)
-    share = 1 / max(scene.inside.sum(), 1), owned, REGIONS.border_weight / max(len(border), 1)
-    gaps, scales = (gap, gap_back, off), (WEIGHT_SCALE, WEIGHT_SCALE, BORDER_SCALE)
-    misfit = sum((part * r**2 / (r**2 + MISFIT_SCALE**2)).sum(axis=1) for part, r in zip(share, gaps, strict=True))
-    weight = [part / (1 + (r / s) ** 2) ** 2 for part, r, s in zip(share, gaps, scales, strict=True)]
-    count = len(moved)
-    inner = np.broadcast_to(scene.target.positions[scene.inside], (count, gap.shape[1], 3))
-    outer = np.broadcast_to(border, (count, *border.shape))
-    goals = np.broadcast_to(scene.samples.positions, (count, *scene.samples.positions.shape))
-    known = np.broadcast_to(scene.images[scene.border], (count, *border.shape))
-    places = np.concatenate([inner, scene.target.positions[back], outer], axis=1)
-    images = np.concatenate([scene.points.positions[there], goals, known], axis=1)
+    gaps = np.concatenate([gap, gap_back], axis=1)
+    shares = np.concatenate([np.full(gap.shape, 1 / gap.shape[1]), owned], axis=1)
+    misfit = (shares * gaps**2 / (gaps**2 + MISFIT_SCALE**2)).sum(axis=1)
+    weights = shares / (1 + (gaps / WEIGHT_SCALE) ** 2) ** 2
+    inner, goals = scene.target.positions[scene.inside], scene.samples.positions
+    places = np.concatenate([np.broadcast_to(inner, (len(moved), *inner.shape)), scene.target.positions[back]], axis=1)
+    images = np.concatenate([scene.points.positions[there], np.broadcast_to(goals, (len(moved), *goals.shape))], axis=1)
     limits = REGIONS.min_scale, REGIONS.max_scale
-    return procrustes(places, images, np.concatenate(weight, axis=1), scales=limits), np.asarray(misfit)
+    return procrustes(places, images, weights, scales=limits), np.asarray(misfit)
 
 
 def _closest(moved: SingleFloats, points: SingleFloats, axis: int) -> tuple[Integers, Floats]:
-    """The closest pairs among coordinates (b, t, d) and (s, d), along one of the axes of (b, t, s): which, how far."""
+    """The closest pairs among coordinates (b, t, 6) and (s, 6), along one of the axes of (b, t, s): which, how far."""
     squared = (points**2).sum(axis=1) - 2 * moved @ points.T
     squared += (moved**2).sum(axis=2)[:, :, None]
     found = squared.argmin(axis=axis)
