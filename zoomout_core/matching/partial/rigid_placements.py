@@ -104,11 +104,10 @@ def rotations(count: int) -> Floats:
 
 def upright_rotations(axis: int) -> Floats:
     """(r, 3, 3) rotations that turn a shape about an axis of its file, upright and slightly tilted."""
-    tilted = np.arange(TILTS) * 2 * np.pi / TILTS
-    ways = np.insert(
-        np.column_stack([np.cos(tilted), np.sin(tilted)]) * np.radians(RIGID_PLACEMENTS.tilt), 0, 0, axis=0
-    )
-    tilts = Rotation.from_rotvec(np.insert(ways, axis, 0, axis=1)).as_matrix()
+    directions = np.arange(TILTS) * 2 * np.pi / TILTS
+    horizontal = np.radians(RIGID_PLACEMENTS.tilt) * np.column_stack([np.cos(directions), np.sin(directions)])
+    horizontal = np.insert(horizontal, 0, 0, axis=0)  # the first is upright
+    tilts = Rotation.from_rotvec(np.insert(horizontal, axis, 0, axis=1)).as_matrix()
     steps = np.radians(np.arange(0, 360, RIGID_PLACEMENTS.upright_step))
     turns = Rotation.from_rotvec(steps[:, None] * np.eye(3)[axis]).as_matrix()
     return np.asarray((tilts[:, None] @ turns).reshape(-1, 3, 3))
